@@ -41,15 +41,22 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         return {"collection of the paper's size": paper.rows(folder, num_groups=args.groups)}
     if args.release:
         bench = ReleaseBench(args.dataset, args.groups, args.calibration, num_seeds=args.seeds)
-        its_benchmark = benchmark.rows(folder / release.FOLDER, jobs=bench.jobs)
-        return {"a release": release.rows(folder, bench), "its benchmark": its_benchmark}
+        root = folder / release.FOLDER
+        return {
+            "a release": release.rows(folder, bench),
+            "its benchmark": benchmark.rows(root, jobs=bench.jobs),
+            "both": release.validated_rows(
+                root, bench, what="release with its benchmark", bar="<= 15 s for 1,000 groups"
+            ),
+        }
+    made = folder / "release"
     return {
         "simulator and expert": simulator.rows(),
         "highway-env beside them": highway_env.rows(),
         "rendering": rendering.rows(),
-        "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS),
         "ranking": ranking.rows(folder),
-        "ranking from cameras": camera_ranking.rows(folder, release=folder / "release"),
+        "ranking from cameras": camera_ranking.rows(folder, release=made),
+        "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS, release=made),
         "start-up": startup.rows(),
     }
 

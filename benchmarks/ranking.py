@@ -50,7 +50,7 @@ def rows(folder: Path, *, release: Path | None = None, repeats: int = _REPEATS) 
     what = f"rank {len(layer.actions())} candidates of one context, {len(checkpoints)} seeds of {_MODEL}, one thread"
     ours, theirs = statistics.median(ours_ms), statistics.median(theirs_ms)
     yield Row(
-        f"{what}\nexported selector", f"{ours:.2f} ms, 95 % within {np.quantile(ours_ms, 0.95):.2f} ms", "<= 2 ms"
+        f"{what}\nexported selector", f"{ours:.2f} ms, 95 % within {np.quantile(ours_ms, 0.95):.2f} ms", "<= 2.5 ms"
     )
     yield Row(f"{what}\nplain torch", f"{theirs:.2f} ms, {theirs / ours:.1f}x the selector's")
     found = largest_difference(content, plain, contexts)

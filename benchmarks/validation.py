@@ -1,98 +1,68 @@
-"""Validation against its floor: reading, hashing and decoding the same bytes with as many workers."""
+"""Validation against its floor: reading, hashing and decoding the same bytes with as many workers.
+
+Start-up is measured by itself, as what both take on as many groups as there are workers. A gross ratio is that of the
+whole times, a net one that of what is above start-up.
+"""
 
 from __future__ import annotations
 
-import hashlib
-import re
-import statistics
-import time
-from collections.abc import Callable, Iterator
+import json
+import shutil
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
+from math import log
 from pathlib import Path
 
+from benchmarks import sql_checker
+from benchmarks.command import run_branchdrive
 from benchmarks.corpus import repeat_dataset
+from benchmarks.cost import Cost, cost_of
+from benchmarks.floor import layer_folders, read_folder
 from benchmarks.row import Row
-from branchdrive.contract.layer import LAYERS
-from branchdrive.contract.layout import RAW_DIR
-from branchdrive.contract.rule import CATALOGUE
-from branchdrive.engine.shard import ShardTask, audit_shard
+from benchmarks.worker_peak import worker_peak_bytes
+from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError
-from branchdrive.files.survey import take_survey
-from branchdrive.formats.folder import Folder
-from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.runtime.executor import isolated
 from branchdrive_reference.collect.campaign import collect
 
-__all__ = ["ValidationTiming", "rows", "time_validation", "worker_peak_bytes"]
+__all__ = ["ValidationTiming", "rows", "time_validation"]
 
 _SEED = 7
 _COLLECTED_GROUPS = 32
 _GROUPS_PER_SHARD = 32
+_GROWTH_PARTS = (4, 2)
+"""Parts of the groups that growth is measured over, before all of them."""
+_PEAK_GROUPS = (32, 64, 128)
+_FILMED_GROUPS = 4
+_GROSS_BARS = {1: "<= 2.2x", 2: "<= 1.6x"}
+_NET_BARS = {1: "<= 4x", 2: ""}
 
 
 @dataclass(frozen=True)
 class ValidationTiming:
-    """Medians over repeats, wall seconds; the workers' start-up is in both.
+    """Medians over repeats; the workers' start-up is in both.
 
     Attributes:
-        floor_s: Read + SHA-256 of every file of a layer, and decode of every table.
-        validation_s: The whole validation.
+        floor: Read + SHA-256 of every file of a layer, and decode of every table and image.
+        validation: The whole validation.
         num_control_rows: Size of the dataset.
     """
 
     jobs: int
-    floor_s: float
-    validation_s: float
+    floor: Cost
+    validation: Cost
     num_control_rows: int
 
     @property
-    def ratio(self) -> float:
-        """Validation time as a multiple of the floor."""
-        return self.validation_s / self.floor_s
+    def ratio(self) -> str:
+        """Validation as a multiple of the floor, on the clock and of processors."""
+        return self.validation.over(self.floor)
 
-
-def _floor(folder: Path) -> int:
-    num_rows = 0
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        content = path.read_bytes()
-        hashlib.sha256(content).hexdigest()
-        if path.suffix == ".parquet":
-            table = decode_table(content, path.stem)
-            num_rows += table.num_rows if path.stem == "controls" else 0
-    return num_rows
-
-
-def _folders(root: Path) -> list[Path]:
-    """Shards and derived layers of a dataset."""
-    layers = [root / name for name in LAYERS]
-    return [*sorted((root / RAW_DIR).iterdir()), *(layer for layer in layers if layer.is_dir())]
-
-
-def _tasks(root: Path) -> list[ShardTask]:
-    survey = take_survey(Folder(root))
-    return [
-        ShardTask(
-            survey.folder, folder, tuple(file.path for file in files), survey.descriptor, frozenset(CATALOGUE), True
-        )
-        for folder, files in survey.shard_folders.items()
-    ]
-
-
-def _peak_bytes(task: ShardTask) -> int:
-    """Largest resident memory of this process after auditing a shard.
-
-    Read from `/proc`: resource usage would count what the parent held when it started the process.
-    """
-    audit_shard(task)
-    peak = re.search(r"VmHWM:\s+([0-9]+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
-    return int(peak[1]) * 1024 if peak else 0
-
-
-def _seconds(action: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
+    def net_of(self, start_up: ValidationTiming) -> ValidationTiming:
+        """What is left without what a dataset takes that holds next to nothing."""
+        floor, validation = self.floor - start_up.floor, self.validation - start_up.validation
+        return ValidationTiming(self.jobs, floor, validation, self.num_control_rows - start_up.num_control_rows)
 
 
 def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTiming:
@@ -101,38 +71,148 @@ def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTim
     Raises:
         BranchDriveError: The dataset is not valid, so its timing would mean nothing.
     """
-    folders = _folders(root)
+    folders = layer_folders(root)
     num_rows = 0
 
     def floor() -> None:
         nonlocal num_rows
-        num_rows = sum(rows for _, rows in isolated(jobs)(_floor, folders) if isinstance(rows, int))
+        found = [rows for _, rows in isolated(jobs)(read_folder, folders)]
+        if failures := [rows for rows in found if not isinstance(rows, int)]:
+            raise BranchDriveError(f"the floor could not be measured: {failures[0]}")
+        num_rows = sum(rows for rows in found if isinstance(rows, int))
 
     def whole() -> None:
         report = validate(root, executor=isolated(jobs))
         if report.verdict != "valid":
             raise BranchDriveError(f"the benchmark's dataset is {report.verdict}")
 
-    floor_s, validation_s = [], []
+    floor_costs, validation_costs = [], []
     for _ in range(repeats):
-        floor_s.append(_seconds(floor))
-        validation_s.append(_seconds(whole))
-    return ValidationTiming(jobs, statistics.median(floor_s), statistics.median(validation_s), num_rows)
+        floor_costs.append(cost_of(floor))
+        validation_costs.append(cost_of(whole))
+    return ValidationTiming(jobs, Cost.median(floor_costs), Cost.median(validation_costs), num_rows)
 
 
-def worker_peak_bytes(root: Path) -> int:
-    """Largest resident memory of a worker that audits every shard of a raw layer in turn."""
-    return max(peak for _, peak in isolated(1)(_peak_bytes, _tasks(root)) if isinstance(peak, int))
+def rows(folder: Path, *, num_groups: int, release: Path, repeats: int = 3) -> Iterator[Row]:
+    """Validation of raw layers below `folder`, of at least `num_groups` groups and of fewer, and of a release.
+
+    Args:
+        folder: Where a collection is made, and repeated.
+        num_groups: Groups of the largest raw layer.
+        release: A release without a benchmark.
+        repeats: Repeats of each time.
+    """
+    source, one = folder / "source", folder / "one"
+    collect(source, num_groups=_COLLECTED_GROUPS, seed=_SEED)
+    collect(one, num_groups=1, seed=_SEED)
+    start_ups = {jobs: _start_up(one, folder, jobs, repeats) for jobs in (1, 2)}
+    whole = yield from _whole(source, folder / "dataset", num_groups, start_ups, repeats)
+    yield from _growth(source, folder, num_groups, whole, start_ups[1], repeats)
+    yield from _peaks(source, folder)
+    films = _filmed(folder)
+    yield from _ratio_rows("raw layer with images, all decoded, 1 worker", films, start_ups[1], repeats, net="<= 1.7x")
+    yield from _ratio_rows("release, 1 worker", release, start_ups[1], repeats, net="<= 6x")
+    judged = _benchmarked(folder, release)
+    yield from _ratio_rows("release with a benchmark, 1 worker", judged, start_ups[1], repeats, net="<= 8x")
 
 
-def rows(folder: Path, *, num_groups: int) -> Iterator[Row]:
-    """Time and memory of validating at least `num_groups` groups: a collection below `folder`, repeated."""
-    source, target = folder / "source", folder / "dataset"
-    collect(source, num_groups=_COLLECTED_GROUPS, seed=_SEED)  # no workers: their memory is not to be measured
+def _start_up(one: Path, folder: Path, jobs: int, repeats: int) -> ValidationTiming:
+    """Timing of a dataset with one group for each worker."""
+    target = folder / f"start-up-{jobs}"
+    repeat_dataset(one, target, num_groups=jobs, groups_per_shard=1)
+    return time_validation(target, jobs=jobs, repeats=repeats)
+
+
+def _whole(
+    source: Path, target: Path, num_groups: int, start_ups: Mapping[int, ValidationTiming], repeats: int
+) -> Generator[Row, None, tuple[int, ValidationTiming]]:
+    """The raw layer with one worker and with two; returns its groups, and its timing with one."""
     size = repeat_dataset(source, target, num_groups=num_groups, groups_per_shard=_GROUPS_PER_SHARD)
-    for jobs in (1, 2):
-        timing = time_validation(target, jobs=jobs)
-        what = f"{size:,} groups, {timing.num_control_rows / 1e6:.1f} M control rows, {jobs} worker(s)"
-        measured = f"{timing.validation_s:.2f} s / {timing.floor_s:.2f} s = {timing.ratio:.2f}x"
-        yield Row(f"validation / (read + hash + decode)\n{what}", measured, "<= 2.5x")
-    yield Row("peak memory of a worker", f"{worker_peak_bytes(target) / 2**20:.0f} MiB", "<= 512 MiB")
+    timings = {jobs: time_validation(target, jobs=jobs, repeats=repeats) for jobs in start_ups}
+    for jobs, timing in timings.items():
+        workers = f"{jobs} worker{'s' * (jobs > 1)}"
+        start = start_ups[jobs]
+        yield Row(f"start-up, {workers}", f"validation {start.validation}\nfloor {start.floor}")
+        yield from _rows_of(
+            f"raw layer, {size:,} groups, {workers}", timing, start, gross=_GROSS_BARS[jobs], net=_NET_BARS[jobs]
+        )
+    gain = timings[1].validation.wall_s / timings[2].validation.wall_s
+    yield Row("two workers over one, gross", f"{gain:.2f}x", ">= 1.8x")
+    return size, timings[1]
+
+
+def _ratio_rows(
+    what: str, root: Path, start_up: ValidationTiming, repeats: int, *, gross: str = "", net: str = ""
+) -> Iterator[Row]:
+    yield from _rows_of(what, time_validation(root, jobs=1, repeats=repeats), start_up, gross=gross, net=net)
+
+
+def _rows_of(what: str, timing: ValidationTiming, start_up: ValidationTiming, *, gross: str, net: str) -> Iterator[Row]:
+    for name, found, bar in (("gross", timing, gross), ("net of start-up", timing.net_of(start_up), net)):
+        told = f"{found.ratio}\nvalidation {found.validation}\nfloor {found.floor}"
+        yield Row(f"{what}\n{name}, over read + hash + decode", told, bar)
+
+
+def _growth(
+    source: Path,
+    folder: Path,
+    num_groups: int,
+    whole: tuple[int, ValidationTiming],
+    start_up: ValidationTiming,
+    repeats: int,
+) -> Iterator[Row]:
+    """Processor time for each group of raw layers with a quarter, a half and all groups; SQL on the smallest."""
+    timings: dict[int, ValidationTiming] = {}
+    roots: list[Path] = []
+    for part in _GROWTH_PARTS:
+        roots.append(folder / f"part-{part}")
+        size = repeat_dataset(source, roots[-1], num_groups=num_groups // part, groups_per_shard=_GROUPS_PER_SHARD)
+        timings[size] = time_validation(roots[-1], jobs=1, repeats=repeats)
+    timings |= [whole]
+    cpu_ms = {size: 1000 * timing.net_of(start_up).validation.cpu_s / size for size, timing in timings.items()}
+    (smallest, least_ms), *_, (largest, most_ms) = cpu_ms.items()
+    exponent = 1 + log(most_ms / least_ms) / log(largest / smallest)
+    yield Row(
+        f"growth over {', '.join(map(str, cpu_ms))} groups, 1 worker\nnet CPU time for each group",
+        f"{', '.join(f'{one:.1f}' for one in cpu_ms.values())} ms\nexponent {exponent:.2f}", "<= 1.1",
+    )  # fmt: skip
+    yield from sql_checker.rows(roots[0], num_groups=smallest)
+
+
+def _peaks(source: Path, folder: Path) -> Iterator[Row]:
+    """Memory of a worker by groups of a shard, and what each of them takes."""
+    peaks_mib = []
+    for num_groups in _PEAK_GROUPS:
+        target = folder / f"shard-of-{num_groups}"
+        repeat_dataset(source, target, num_groups=num_groups, groups_per_shard=num_groups)
+        peaks_mib.append(worker_peak_bytes(target) / 2**20)
+    each_mib = (peaks_mib[-1] - peaks_mib[0]) / (_PEAK_GROUPS[-1] - _PEAK_GROUPS[0])
+    shown = ", ".join(f"{one:.0f}" for one in peaks_mib)
+    yield Row(f"worker's peak, shards of {', '.join(map(str, _PEAK_GROUPS))} groups", f"{shown} MiB")
+    yield Row("worker's peak for each group of a shard", f"{each_mib:.1f} MiB", "<= 3 MiB")
+
+
+def _filmed(folder: Path) -> Path:
+    """A small raw layer with six views and bird's-eye views."""
+    root, source = folder / "filmed", folder / "unfilmed"
+    collect(source, num_groups=_FILMED_GROUPS, seed=_SEED)
+    _run("render", str(source), "--output", str(root), "--jobs", "2")
+    return root
+
+
+def _benchmarked(folder: Path, release: Path) -> Path:
+    """A copy of a release with a benchmark of models that are hardly trained: what is judged is as large as ever."""
+    root, protocol = folder / "benchmarked", folder / "trial.json"
+    shutil.copytree(release, root)
+    document = default_protocol().document | {"name": "trial"}
+    for model in document["models"]:
+        model["configuration"]["training"]["max_epochs"] = 2
+    protocol.write_text(json.dumps(document), encoding="utf-8")
+    _run("benchmark", str(root), "--protocol", str(protocol), "--no-figures", "--jobs", "2")
+    return root
+
+
+def _run(command: str, *arguments: str) -> None:
+    found = run_branchdrive(command, *arguments)
+    if found.exit_code != 0:
+        raise BranchDriveError(f"`branchdrive {command}` ended with {found.exit_code}: {found.output}")

@@ -23,13 +23,15 @@ from rich.progress import track
 from tests.conformance_bases import BASE_OF, BASES, CASES, case_name, file_name
 from tests.conformance_maker import Maker, expectation, same_files
 from tests.mutation import BOUNDARIES, MUTANTS, Boundary, Mutant, new_draft
+from tests.recipes.archive import pack, pack_bases
+from tests.recipes.difference import tree
 from tests.validator.engine.rules.case import judged_folder
 from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.resources import load_resource
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.runtime.process import spawn_context
-from branchdrive_conformance.archive import BASES_FILE, base_files, pack, pack_bases
+from branchdrive_conformance.archive import BASES_FILE, base_files
 from branchdrive_conformance.case import (
     Case,
     Expectation,
@@ -38,7 +40,6 @@ from branchdrive_conformance.case import (
     load_case,
     stated_rules,
 )
-from branchdrive_conformance.difference import tree
 from branchdrive_conformance.materialize import lay_out_base
 
 _LOT_CASES = 30
@@ -162,11 +163,11 @@ def _registered(maker: Maker, case: Mutant | Boundary, rules: tuple[str, ...], k
     if isinstance(case, Mutant):
         outcome = expected.rules[case.rule]
         if (outcome.status, outcome.violations) != ("fail", case.findings):
-            raise AssertionError(f"{name}: {case.findings} violations are declared, the validator finds {outcome}")
+            raise AssertionError(f"{case.findings} violations are declared, the validator finds {outcome}")
     else:
         found = {rule: expected.rules[rule].status for rule in rules}
         if set(found.values()) != {case.status}:
-            raise AssertionError(f"{name}: {case.status} is declared, the validator finds {found}")
+            raise AssertionError(f"{case.status} is declared, the validator finds {found}")
     return replace(made, expected=expected)
 
 
@@ -185,7 +186,7 @@ def _passing(maker: Maker, rule: str) -> Case:
     """An unchanged base dataset on which the rule passes."""
     base = _passing_base(rule)
     if base is None:
-        raise AssertionError(f"{rule} passes on no base dataset")
+        raise AssertionError("the rule passes on no base dataset")
     expected = base_expectation(maker.folder, base)
     return Case(f"{rule}/pass", "pass", (rule,), BASES[base][2], _clauses_of((rule,)), base, (), expected)
 
@@ -194,14 +195,19 @@ def _clauses_of(rules: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(clause for rule in rules for clause in _clauses().get(rule, ())))
 
 
-def _made(folder: Path, names: Sequence[str], is_afresh: bool) -> list[tuple[str, bytes]]:
-    """Cases as their files have them."""
+def _made(folder: Path, names: Sequence[str], is_afresh: bool) -> list[tuple[str, bytes | str]]:
+    """Cases as their files have them, or what is wrong with them."""
     with tempfile.TemporaryDirectory() as scratch:
-        maker, drafts, made = Maker(folder, Path(scratch)), _drafts(), []
+        maker, drafts = Maker(folder, Path(scratch)), _drafts()
+        made: list[tuple[str, bytes | str]] = []
         for name in names:
             path = folder / f"{name}.json"
             is_stored = is_afresh and path.is_file()
-            case = maker.rewritten(load_case(folder, path)) if is_stored else drafts[name](maker)
+            try:
+                case = maker.rewritten(load_case(folder, path)) if is_stored else drafts[name](maker)
+            except AssertionError as error:
+                made.append((name, str(error)))
+                continue
             made.append((name, case_text(case.to_json(base_expectation(folder, case.base))).encode()))
     return made
 
@@ -225,6 +231,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     folder = CASES
     stale: list[str] = []
+    wrong: list[str] = []
 
     def settle(path: Path, content: bytes | None) -> None:
         if (path.read_bytes() if path.is_file() else None) != content:
@@ -244,7 +251,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             pool.map(partial(_made, folder, is_afresh=args.afresh), lots), "cases", total=len(lots), transient=True
         ):
             for name, content in made:
-                settle(folder / f"{name}.json", content)
+                if isinstance(content, bytes):
+                    settle(folder / f"{name}.json", content)
+                else:
+                    wrong.append(f"{name}: {content}")
     for path in sorted(folder.glob(f"{args.select or 'BD-'}*/*.json")):
         if path.relative_to(folder).with_suffix("").as_posix() not in names:
             settle(path, None)
@@ -254,7 +264,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     if args.archive:
         sys.stdout.write(f"{args.archive}: {pack(folder, args.archive)}\n")
-    return int(args.check and bool(stale))
+    sys.stdout.write("".join(f"wrong: {reason}\n" for reason in wrong))
+    return int(bool(wrong) or (args.check and bool(stale)))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ from typing import Any
 import pyarrow as pa
 from tests.conformance_bases import BASES, draft_of
 from tests.mutation import Draft
+from tests.recipes.difference import manifest_edits, recipe_between, templated, tree
+from tests.recipes.table_difference import equal_tables
 from tests.validator.engine.rules.case import judged_folder
 from tests.validator.engine.rules.release import ReleaseDraft
 
@@ -25,13 +27,14 @@ from branchdrive_conformance.case import (
     Expectation,
     Outcome,
 )
-from branchdrive_conformance.difference import manifest_edits, recipe_between, templated, tree
 from branchdrive_conformance.materialize import DATASET_DIR, RAW_DIR, WAIVERS_FILE, lay_out_base, materialize
 from branchdrive_conformance.recipe import apply_recipe, sealed_digests
-from branchdrive_conformance.table_difference import equal_tables
 from branchdrive_conformance.table_operation import read_table
 
 __all__ = ["Maker", "expectation", "same_files"]
+
+_DELETION_BYTES = 60
+"""Characters of an operation that deletes a file."""
 
 _MAX_OWN_BYTES = 600
 """Recipes up to this size are told against the base that the draft is of."""
@@ -137,7 +140,7 @@ class Maker:
             if not same_files(
                 self._laid_out("check", made[name][0], new), final, but=() if is_late else (MANIFEST_FILE,)
             ):
-                raise AssertionError(f"{case.name}: its recipe does not lead to its dataset")
+                raise AssertionError("its recipe does not lead to its dataset")
         base, recipe = made["dataset"]
         raw = made["dataset-raw"][1] if "dataset-raw" in made else case.raw
         new = replace(case, base=base, recipe=recipe, raw=raw)
@@ -174,12 +177,12 @@ def _text_length(case: Case) -> int:
 
 
 def _distance(base: Path, changed: Path) -> int:
-    """Bytes of the files in which two datasets differ."""
+    """Bytes of the files in which a dataset differs from a base; those that are deleted count little."""
     total = 0
     for path in {*tree(base), *tree(changed)} - {MANIFEST_FILE}:
         one, other = base / path, changed / path
         if not (one.is_file() and other.is_file()):
-            total += sum(place.stat().st_size for place in (one, other) if place.is_file())
+            total += other.stat().st_size if other.is_file() else _DELETION_BYTES
         elif one.stat().st_size != other.stat().st_size or one.read_bytes() != other.read_bytes():
             total += other.stat().st_size
     return total

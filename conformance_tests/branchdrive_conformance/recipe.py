@@ -4,10 +4,11 @@ Each has a member `op` and the `file` or `path` that it changes, relative to the
 
     rows            `keep`: ranges [start, stop] of the table's rows, in their new order; a row may be taken twice, and
                     [start, stop, file] takes rows of another table as the base has it
-    set             `column`, `rows` (ranges), and `value` for all of them, `values` for each, or `from`: ranges of rows
-                    whose cells they get, those of the column `of` where it is another one
-    scale           `column`, `rows`, `by`: values times a number
-    shift           `column`, `rows`, `by`: values plus a number
+    sort            `by`: columns in whose ascending order the rows are put; rows that are alike there stay in theirs
+    set             `column`, which rows, and `value` for all of them, `values` for each, `from`: ranges of rows whose
+                    cells they get, or `of`: another column whose cells they get, those of `from` where it is there
+    scale           `column`, which rows, `by`: values times a number
+    shift           `column`, which rows, `by`: values plus a number
     drop_column     `column`
     add_column      `column`, `type`, `value` or `values`
     cast            `column`, `type`
@@ -32,8 +33,9 @@ Each has a member `op` and the `file` or `path` that it changes, relative to the
 
 Tables are Parquet files; types are named as Arrow names them, and `dictionary` is text in a dictionary. A number that
 JSON lacks is `"NaN"`, `"Infinity"` or `"-Infinity"`, and bytes of a cell are hexadecimal. A range [start, stop] of rows
-does not hold `stop`, and goes backwards where `stop` comes before `start`. An operation that finds nothing to change is
-an error.
+does not hold `stop`, and goes backwards where `stop` comes before `start`. Which rows an operation changes is told by
+`rows`, ranges of them, or by `where`: values that other columns have there, by column, each of them a value, a list of
+values, or `{"from": first, "to": last}`. An operation that finds nothing to change is an error.
 """
 
 from __future__ import annotations

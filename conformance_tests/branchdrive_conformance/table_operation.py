@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from branchdrive.formats.parquet import encode_table
@@ -22,7 +23,7 @@ TableOf = Callable[[str], pa.Table]
 """The table in a file of the dataset as the base has it."""
 
 TABLE_OPERATIONS = (
-    "rows", "set", "scale", "shift", "drop_column", "add_column", "cast", "order", "nullable", "describe",
+    "rows", "sort", "set", "scale", "shift", "drop_column", "add_column", "cast", "order", "nullable", "describe",
     "written",
 )  # fmt: skip
 
@@ -92,6 +93,25 @@ def _places(ranges: Iterable[Sequence[int]], num_rows: int) -> np.ndarray:
     return np.concatenate(parts)
 
 
+def _where(wanted: Mapping[str, Any], table: pa.Table) -> np.ndarray:
+    """Row numbers of the rows whose cells have the wanted values: one, one of a list, or one of a range.
+
+    Raises:
+        ValueError: No row has them.
+    """
+    mask = np.ones(len(table), bool)
+    for name, value in wanted.items():
+        column = table.column(name).combine_chunks()
+        if isinstance(value, Mapping):
+            found = pc.and_(pc.greater_equal(column, value["from"]), pc.less_equal(column, value["to"]))
+        else:
+            found = pc.is_in(column, pa.array(value if isinstance(value, list) else [value], column.type))
+        mask &= found.fill_null(False).to_numpy(zero_copy_only=False)
+    if not mask.any():
+        raise ValueError(f"no row has {dict(wanted)}")
+    return np.flatnonzero(mask)
+
+
 def from_cell(value: Any, kind: pa.DataType) -> Any:
     """A value of a recipe as a cell of a column."""
     if isinstance(value, list) and pa.types.is_list(kind):
@@ -120,6 +140,8 @@ def apply_to_table(operation: Operation, table: pa.Table, table_of: TableOf) -> 
     """
     if operation["op"] == "rows":
         return _rows_of(operation["keep"], table, table_of)
+    if operation["op"] == "sort":
+        return table.take(pc.sort_indices(table, [(name, "ascending") for name in operation["by"]]))
     if operation["op"] == "order":
         return table.select(operation["columns"])
     if operation["op"] == "nullable":
@@ -151,15 +173,15 @@ def _apply_to_column(operation: Operation, table: pa.Table) -> pa.Table:
         if kind == DICTIONARY:
             return table.set_column(index, field.with_type(kind), column.cast(pa.string()).dictionary_encode())
         return table.set_column(index, field.with_type(kind), column.cast(kind, safe=False))
-    rows = _places(operation["rows"], len(table))
+    rows = _where(operation["where"], table) if "where" in operation else _places(operation["rows"], len(table))
     if operation["op"] in ("scale", "shift"):
         values = column.to_numpy(zero_copy_only=False).copy()
         change = np.multiply if operation["op"] == "scale" else np.add
         values[rows] = change(values[rows].astype(np.float64), operation["by"])
         return table.set_column(index, field, pa.array(values, field.type))
-    if "from" in operation:
+    if "from" in operation or "of" in operation:
         source = table.column(operation.get("of", name)).combine_chunks()
-        cells = source.take(pa.array(_places(operation["from"], len(table))))
+        cells = source.take(pa.array(_places(operation["from"], len(table)) if "from" in operation else rows))
         if len(cells) != len(rows):
             raise ValueError(f"set of {name}: {len(cells)} values for {len(rows)} rows")
     else:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from tests import conformance_cases
 from tests.conformance_cases import case_names
+from tests.conformance_maker import Maker
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive_conformance.case import Case, cases_dir, load_cases
@@ -53,6 +55,16 @@ def test_links_lead_to_the_same_place_wherever_a_case_is_written(cases: list[Cas
     targets = [step["target"] for case in cases for step in case.recipe if step["op"] == "link"]
     away = {target for target in targets if target.startswith("/")}
     assert away == {"/etc", "/etc/hostname", "/etc/passwd", "/nowhere"}
+
+
+def test_every_case_that_is_not_as_declared_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reason, names = "2 violations are declared, the validator finds 3", ["BD-TIC-001/a", "BD-TIC-001/b"]
+
+    def broken(_: Maker) -> Case:
+        raise AssertionError(reason)
+
+    monkeypatch.setattr(conformance_cases, "_drafts", lambda: dict.fromkeys(names, broken))
+    assert conformance_cases._made(tmp_path, names, is_afresh=False) == [(name, reason) for name in names]
 
 
 def test_cases_are_those_of_the_registry(cases: list[Case]) -> None:

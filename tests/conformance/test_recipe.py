@@ -5,22 +5,24 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 from typing import Any
+from unittest.mock import ANY
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.recipes.byte_difference import parts_between
+from tests.recipes.difference import recipe_between, tree
+from tests.recipes.table_difference import equal_tables
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.document import dump_json
 from branchdrive.formats.parquet import encode_table
 from branchdrive_conformance.archive import base_files
 from branchdrive_conformance.case import cases_dir
-from branchdrive_conformance.difference import recipe_between, tree
 from branchdrive_conformance.recipe import apply_recipe
-from branchdrive_conformance.splice import parts_between, spliced
-from branchdrive_conformance.table_difference import equal_tables
+from branchdrive_conformance.splice import spliced
 from branchdrive_conformance.table_operation import encoded, read_table
 
 FILE = "raw/shard-00000/controls.parquet"
@@ -110,13 +112,14 @@ def test_a_recipe_stays_inside_its_dataset(path: str, tmp_path: Path) -> None:
         {"op": "rows", "keep": [[90, 101]]},
         {"op": "set", "column": "speed", "rows": [[0, 2]], "values": [1.0]},
         {"op": "set", "column": "none", "rows": [[0, 1]], "value": 1.0},
+        {"op": "set", "column": "speed", "where": {"rollout_id": "r0", "tick": 20}, "value": 1.0},
         {"op": "unknown"},
     ],
 )
 def test_an_operation_that_does_not_fit_is_refused(operation: dict[str, Any], tmp_path: Path) -> None:
     (tmp_path / FILE).parent.mkdir(parents=True)
     (tmp_path / FILE).write_bytes(encode_table(BASE))
-    with pytest.raises(ValueError, match=r"within|values for|no column|no operation"):
+    with pytest.raises(ValueError, match=r"within|values for|no column|no row|no operation"):
         apply_recipe([{"file": FILE, **operation}], tmp_path)
 
 
@@ -211,6 +214,55 @@ def test_cells_of_other_rows_or_another_column_are_one_operation(
     assert operations(tmp_path, before, after) == [
         {"op": "set", "file": FILE, "column": "x", "rows": [[41, 80]], "from": [[40, 79]], **of}
     ]
+
+
+def test_cells_of_another_column_in_the_same_rows_are_one_operation(tmp_path: Path) -> None:
+    x = np.sin(np.arange(90))
+    y = np.where(np.arange(90) % 3, np.cos(np.arange(90)), x)
+    before, after = (
+        {FILE: encode_table(pa.table({"tick": range(90), "x": values, "y": y}))}
+        for values in (x, np.where((np.arange(90) >= 10) & (np.arange(90) < 80), y, x))
+    )
+    assert operations(tmp_path, before, after) == [{"op": "set", "file": FILE, "column": "x", "rows": ANY, "of": "y"}]
+
+
+def _of_attempts(x: Any) -> dict[str, bytes]:
+    """A table of three attempts of 40 ticks, in each of which two actors are."""
+    places = np.arange(240)
+    columns = {"rollout_id": [f"r{i}" for i in places // 80], "tick": places // 2 % 40, "actor_id": places % 2}
+    return {FILE: encode_table(pa.table({**columns, "x": x}))}
+
+
+def test_rows_of_an_actor_are_told_by_what_it_is_called(tmp_path: Path) -> None:
+    places = np.arange(240)
+    is_meant = (places // 80 == 1) & (places % 2 == 1) & (places // 2 % 40 >= 10)
+    x = np.sin(places)
+    made = operations(tmp_path, _of_attempts(x), _of_attempts(np.where(is_meant, 2.5, x)))
+    where = {"rollout_id": "r1", "actor_id": 1, "tick": {"from": 10, "to": 39}}
+    assert made == [{"op": "set", "file": FILE, "column": "x", "where": where, "value": 2.5}]
+
+
+def test_angles_that_are_turned_and_wrapped_are_two_shifts(tmp_path: Path) -> None:
+    yaw, turn = np.arange(-120, 120) / 64, 0.25
+    turned = np.where(yaw + turn > 1.75, yaw + turn - 3.5, yaw + turn)
+    made = operations(tmp_path, _of_attempts(yaw), _of_attempts(turned))
+    assert [(one["op"], one["by"]) for one in made] == [("shift", -3.25), ("shift", 0.25)]
+
+
+@pytest.mark.parametrize("factor", [0.97, -0.2, 0.5])
+def test_a_column_times_a_number_is_one_operation(factor: float, tmp_path: Path) -> None:
+    speed = np.linspace(1, 9, 240).astype(np.float32)
+    changed = (speed.astype(float) * factor).astype(np.float32)
+    (made,) = operations(tmp_path, _of_attempts(speed), _of_attempts(changed))
+    assert (made["op"], made["by"]) == ("scale", pytest.approx(factor, rel=1e-6))
+
+
+def test_rows_in_the_order_of_a_column_are_one_operation(tmp_path: Path) -> None:
+    before = _of_attempts(np.sin(np.arange(240)))
+    table = read_table(before[FILE])
+    after = table.take(pa.array(np.argsort(table["tick"].to_numpy(), kind="stable")))
+    made = operations(tmp_path, before, {FILE: encode_table(after)})
+    assert made == [{"op": "sort", "file": FILE, "by": ["tick"]}]
 
 
 def test_a_flipped_byte_is_one_splice(tmp_path: Path) -> None:

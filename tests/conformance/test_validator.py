@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.recipes.archive import pack
 from tests.sampling import THOROUGH
 from tests.waiting import PATIENCE_S
 
 from branchdrive.cli.main import run_script
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.errors import UsageError
-from branchdrive_conformance.archive import pack, unpacked
+from branchdrive_conformance.archive import unpacked
 from branchdrive_conformance.case import Case, cases_dir, load_case, load_cases
 from branchdrive_conformance.materialize import materialize
 from branchdrive_conformance.reference import judge_case

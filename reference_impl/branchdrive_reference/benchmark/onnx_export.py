@@ -8,6 +8,8 @@ A selector that reads cameras takes one observation at a time, before its histor
 [6, *encoding]``, ``mask [6]`` and ``past [seeds, 15, width]``, and beside the targets it gives ``steps``, of the last
 15 observations, which are ``past`` of the next observation. What it says counts from the 16th observation on.
 
+Operators are those of opset 20. Each recurrence is one operator ``GRU`` of its own width.
+
 Source: paper, "Complete-Bank Ranking and Offline Policy Evaluation" (latency of the structured selector).
 """
 
@@ -22,6 +24,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.feature import InputContract
@@ -35,6 +38,7 @@ from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.image_encoder import open_encoder
 from branchdrive_reference.learning.image_encoding import ENCODINGS, VIEWS
 from branchdrive_reference.learning.image_inputs import image_arrays, mask_of
+from branchdrive_reference.learning.network import SequenceEncoder
 from branchdrive_reference.learning.ranker import VIEW_CAMERAS, BankNetwork, CameraNetwork, reads_cameras
 
 __all__ = [
@@ -42,8 +46,8 @@ __all__ = [
     "export_selector", "largest_difference", "open_selector",
 ]  # fmt: skip
 
-OPSET = 18
-"""Version of the operators."""
+OPSET = 20
+"""Version of the operators: the first with one for the activation."""
 
 INPUTS, OUTPUT = ("state", "controls"), "targets"
 CAMERA_INPUTS, STEPS = ("views", "mask", "past"), "steps"
@@ -94,6 +98,7 @@ def export_selector(
     else:
         network, inputs = BankNetwork(checkpoints, release).eval(), context
         names, outputs = list(INPUTS), [OUTPUT]
+    _use_operators(network)
     log = logging.getLogger("torch.onnx")
     level = log.level
     log.setLevel(logging.ERROR)
@@ -119,6 +124,44 @@ def export_selector(
         del node.metadata_props[:]  # lines of source and traces of whoever exported
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
+
+
+class _GruOperator(nn.Module):
+    """A recurrence as the operator ``GRU``, whose gates are update, reset and new; those of torch begin with reset.
+
+    onnxscript before 0.7.1 has other equations for what torch exports by itself.
+    """
+
+    weight: Tensor
+    recurrence: Tensor
+    bias: Tensor
+
+    def __init__(self, recur: nn.GRU) -> None:
+        super().__init__()
+        self._width = recur.hidden_size
+        weight, recurrence, *biases = (_update_first(gates) for gates in recur.parameters())
+        self.register_buffer("weight", weight)
+        self.register_buffer("recurrence", recurrence)
+        self.register_buffer("bias", torch.cat(biases, dim=1))
+
+    def forward(self, steps: Tensor) -> Sequence[Tensor]:
+        """All states and the last one ``[1, 1, width]`` of one sequence ``[1, steps, features]``."""
+        return torch.onnx.ops.symbolic_multi_out(
+            "GRU", (steps.transpose(0, 1), self.weight, self.recurrence, self.bias),
+            {"hidden_size": self._width, "linear_before_reset": 1}, dtypes=(steps.dtype, steps.dtype),
+            shapes=((steps.shape[1], 1, 1, self._width), (1, 1, self._width)), version=OPSET,
+        )  # fmt: skip
+
+
+def _update_first(gates: Tensor) -> Tensor:
+    reset, update, new = gates.detach().chunk(3)
+    return torch.cat([update, reset, new])[None]
+
+
+def _use_operators(network: nn.Module) -> None:
+    for module in network.modules():
+        if isinstance(module, SequenceEncoder):
+            module.register_module("recur", _GruOperator(module.recur))
 
 
 def check_equal(
@@ -206,7 +249,7 @@ def _largest_camera_difference(content: bytes, network: CameraNetwork, release: 
     return largest
 
 
-def _first_observation(network: CameraNetwork) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _first_observation(network: CameraNetwork) -> tuple[Tensor, Tensor, Tensor]:
     """An observation without images after none."""
     about, blank = ENCODINGS[network.encoding], network.blank_step()
     views = torch.zeros((len(VIEW_CAMERAS), *about.shape), dtype=getattr(torch, about.dtype))

@@ -182,20 +182,21 @@ def _means(picture: Picture, size: tuple[int, int], levels: int) -> Picture:
     """
     (height, width, channels), (rows, columns) = picture.shape, size
     exact = np.float32 if 255 * height * width < 2**24 else np.float64
-    by_row = _overlaps(height, rows).astype(exact) @ picture.reshape(height, -1).astype(exact)
-    across = by_row.reshape(rows, width, channels).transpose(0, 2, 1) @ _overlaps(width, columns).T.astype(exact)
+    by_row = _overlaps(height, rows, exact) @ picture.reshape(height, -1).astype(exact)
+    lines = by_row.reshape(rows, width, channels).transpose(0, 2, 1).reshape(-1, width)
+    across = (lines @ _overlaps(width, columns, exact).T).reshape(rows, channels, columns).transpose(0, 2, 1)
     whole = float(height * width)
     means = np.floor((2 * levels * across.astype(np.float64) + whole) / (2 * whole))
-    found: Picture = means.transpose(0, 2, 1).astype(np.uint8)
+    found: Picture = means.astype(np.uint8)
     return found
 
 
 @cache
-def _overlaps(num_pixels: int, num_cells: int) -> NDArray[np.int64]:
+def _overlaps(num_pixels: int, num_cells: int, dtype: type[np.floating[Any]]) -> NDArray[Any]:
     """How much of each pixel each of equal cells covers, ``[cells, pixels]``; a row adds up to `num_pixels`."""
     pixel, cell = np.arange(num_pixels) * num_cells, np.arange(num_cells)[:, None] * num_pixels
     found: NDArray[np.int64] = np.minimum(pixel + num_cells, cell + num_pixels) - np.maximum(pixel, cell)
-    return found.clip(min=0)
+    return found.clip(min=0).astype(dtype)
 
 
 def _patches(picture: Picture, size: tuple[int, int]) -> Picture:

@@ -30,7 +30,7 @@ from branchdrive_reference.learning.image_encoding import ENCODINGS, STREAM_OF, 
 from branchdrive_reference.learning.image_network import ImageHistoryEncoder
 from branchdrive_reference.learning.network import HISTORY, ActionEncoder, Decoder, HistoryEncoder, OutcomeNetwork
 from branchdrive_reference.learning.prediction import check_release
-from branchdrive_reference.learning.stacked import StackedDecoder, StackedHistory, StackedImages
+from branchdrive_reference.learning.stacked import SeedHistories, StackedDecoder, StackedImages
 
 __all__ = [
     "BankNetwork",
@@ -297,10 +297,10 @@ def _networks(checkpoints: Sequence[Checkpoint], release: ModelLayer) -> list[_N
     return found
 
 
-def _history(networks: Sequence[_Network], release: ModelLayer) -> StackedHistory:
+def _history(networks: Sequence[_Network], release: ModelLayer) -> SeedHistories:
     encoders = [encoders[HISTORY] for encoders, _, _ in networks]
     kept = [encoder for encoder in encoders if isinstance(encoder, HistoryEncoder)]
-    return StackedHistory(kept, [decoder for _, _, decoder in networks], release)
+    return SeedHistories(kept, [decoder for _, _, decoder in networks], release)
 
 
 def _decoder(networks: Sequence[_Network], release: ModelLayer) -> StackedDecoder:

@@ -1,9 +1,8 @@
 """Networks of several seeds as one: weights stacked, so that a step of all seeds is one batched product.
 
 Every part takes one context and has an axis of seeds first. They are made of tensor operations with fixed shapes alone,
-so that they can be traced and exported. A lane is one recurrence of one seed; the lanes of a seed stand together, that
-of the state first. Narrower lanes are padded with zeros, which keep their part of the state at 0. Scaling is part of
-the networks: contexts go in and scalars come out in their units.
+so that they can be traced and exported. Recurrences alone stay by themselves. Scaling is part of the networks: contexts
+go in and scalars come out in their units.
 
 Source: this project's choice.
 """
@@ -19,24 +18,21 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from branchdrive.model.features import recorded_features
-from branchdrive.model.normalisation_document import Scalings
 from branchdrive.model.reader import ModelLayer
 from branchdrive_reference.learning.image_network import ImageHistoryEncoder
 from branchdrive_reference.learning.network import (
     ACTION,
     HISTORY,
-    STEP_CONTROLS,
     ActionEncoder,
     Decoder,
     HistoryEncoder,
-    SequenceEncoder,
 )
 
-__all__ = ["StackedDecoder", "StackedHistory", "StackedImages"]
+__all__ = ["SeedHistories", "StackedDecoder", "StackedImages"]
 
 
 class _Stack(nn.Module):
-    """Keeps one matrix of every lane or seed as one tensor."""
+    """Keeps one matrix of every seed as one tensor."""
 
     def _keep(self, name: str, parts: Sequence[Tensor]) -> None:
         self.register_buffer(name, torch.stack(list(parts)).detach().contiguous())
@@ -50,8 +46,10 @@ class _Stack(nn.Module):
         self._keep(shift, [layer.bias[None] for layer in layers])
 
 
-class StackedHistory(_Stack):
+class SeedHistories(_Stack):
     """What ``state [16, 21]`` and ``controls [80, 3]`` add to the fusion of every seed, ``[seeds, 1, fusion width]``.
+
+    Recurrences run one after the other: the weights of one stay in a near cache for all of its steps.
 
     Args:
         encoders: Of every seed.
@@ -60,74 +58,28 @@ class StackedHistory(_Stack):
     """
 
     state_recorded: Tensor | None
-    embed: Tensor
-    embed_bias: Tensor
-    embed_norm: Tensor
-    embed_shift: Tensor
-    input: Tensor
-    input_bias: Tensor
-    recurrence: Tensor
-    recurrence_bias: Tensor
-    history: Tensor
+    share: Tensor
 
     def __init__(self, encoders: Sequence[HistoryEncoder], decoders: Sequence[Decoder], release: ModelLayer) -> None:
         super().__init__()
-        lanes = [lane for encoder in encoders for lane in (encoder.state, encoder.controls)]
-        self._num_seeds = len(encoders)
-        self._width = max(lane.recur.hidden_size for lane in lanes)
-        self._features = max(lane.embed.in_features for lane in lanes)
-        self._keep_scalings(release.scalings())
+        self.encoders = nn.ModuleList(encoders)
+        self._keep("share", [decoder.halves[HISTORY].T for decoder in decoders])
+        scalings = release.scalings()
+        for name, scaling in (("state", scalings.state), ("controls", scalings.controls)):
+            for part in ("offset", "scale", "limit"):
+                self.register_buffer(f"{name}_{part}", _float32(getattr(scaling, part)))
         is_recorded = recorded_features("state", release.descriptor)
         self.register_buffer("state_recorded", None if is_recorded.all() else torch.from_numpy(is_recorded))
-        self._keep_lanes(lanes)
-        widths = [lane.recur.hidden_size for lane in lanes[:2]]
-        self._keep(
-            "history",
-            [
-                torch.cat([_padded(part, self._width) for part in decoder.halves[HISTORY].T.split(widths)])
-                for decoder in decoders
-            ],
-        )
 
     def forward(self, state: Tensor, controls: Tensor) -> Tensor:
         """From a context in physical units."""
         known = state if self.state_recorded is None else torch.where(self.state_recorded, state, 0.0)
-        scaled = self._scaled("state", known), self._scaled("controls", controls).reshape(-1, STEP_CONTROLS)
-        rows = torch.stack([functional.pad(part, (0, self._features - part.shape[1])) for part in scaled])
-        rows = rows.repeat(self._num_seeds, 1, 1)
-        steps = _normed(torch.baddbmm(self.embed_bias, rows, self.embed), self.embed_norm, self.embed_shift)
-        driven = torch.baddbmm(self.input_bias, functional.gelu(steps), self.input)
-        last = torch.zeros_like(driven[:, :1, : self._width])
-        for step in driven.split(1, dim=1):
-            last = self._next(step, last)
-        return torch.bmm(last.reshape(self._num_seeds, 1, -1), self.history)
-
-    def _next(self, driven: Tensor, last: Tensor) -> Tensor:
-        """One step of a gated recurrence, reset and update gates first."""
-        recurred = torch.baddbmm(self.recurrence_bias, last, self.recurrence)
-        gates = 2 * self._width
-        reset, update = torch.sigmoid(driven[..., :gates] + recurred[..., :gates]).chunk(2, dim=2)
-        fresh = torch.tanh(driven[..., gates:] + reset * recurred[..., gates:])
-        return torch.lerp(fresh, last, update)
+        scaled = self._scaled("state", known)[None], self._scaled("controls", controls)[None]
+        return torch.bmm(torch.stack([encoder(*scaled) for encoder in self.encoders]), self.share)
 
     def _scaled(self, name: str, values: Tensor) -> Tensor:
         offset, scale, limit = (getattr(self, f"{name}_{part}") for part in ("offset", "scale", "limit"))
         return torch.minimum(torch.maximum((values - offset) / scale, -limit), limit)
-
-    def _keep_scalings(self, scalings: Scalings) -> None:
-        for name, scaling in (("state", scalings.state), ("controls", scalings.controls)):
-            for part in ("offset", "scale", "limit"):
-                self.register_buffer(f"{name}_{part}", _float32(getattr(scaling, part)))
-
-    def _keep_lanes(self, lanes: Sequence[SequenceEncoder]) -> None:
-        width = self._width
-        self._keep("embed", [_padded(lane.embed.weight.T, self._features) for lane in lanes])
-        self._keep("embed_bias", [lane.embed.bias[None] for lane in lanes])
-        self._keep_norm("embed_norm", "embed_shift", [lane.norm for lane in lanes])
-        for name, kind in (("input", "ih"), ("recurrence", "hh")):
-            weights = [_gates(getattr(lane.recur, f"weight_{kind}_l0").T, width) for lane in lanes]
-            self._keep(name, weights if kind == "ih" else [_padded(weight, width) for weight in weights])
-            self._keep(f"{name}_bias", [_gates(getattr(lane.recur, f"bias_{kind}_l0")[None], width) for lane in lanes])
 
 
 class StackedImages(_Stack):
@@ -224,16 +176,6 @@ class StackedDecoder(_Stack):
 
 def _normed(values: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     return functional.layer_norm(values, values.shape[-1:]) * weight + bias
-
-
-def _padded(matrix: Tensor, num_rows: int) -> Tensor:
-    """With rows of zeros below."""
-    return functional.pad(matrix, (0, 0, 0, num_rows - matrix.shape[0]))
-
-
-def _gates(matrix: Tensor, width: int) -> Tensor:
-    """Each of the three gates' columns with columns of zeros behind."""
-    return torch.cat([functional.pad(gate, (0, width - gate.shape[1])) for gate in matrix.chunk(3, dim=1)], dim=1)
 
 
 def _float32(values: NDArray[np.float64]) -> Tensor:

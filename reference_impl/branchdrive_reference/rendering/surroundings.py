@@ -51,6 +51,7 @@ class Surroundings:
         world_to_ego: World points ``(x, y, 1)`` to the ego's frame ``[3, 3]``.
         beyond: Colour of the ground where the textures end.
         outlines_m: Corners of what is drawn, in the order of drawing ``[outlines, 4, 3]``.
+        corners_m: The same as columns, the first corners of all outlines first ``[3, 4 * outlines]``.
         normals: Directions from which they are seen ``[outlines, 3]``.
         offsets_m: Distances of their planes from the origin, along the normals ``[outlines]``.
         colours: Blue, green and red in the light and behind the haze ``[outlines, 3]``.
@@ -81,6 +82,7 @@ class Surroundings:
         parts = self._parts(shows_ego=shows_ego)
         faces, normals, face_colours, face_m, glows = self._faces(parts)
         self.outlines_m = np.concatenate([paint, faces])
+        self.corners_m = self.outlines_m.transpose(2, 1, 0).reshape(3, -1)
         self.normals = np.concatenate([np.tile([0.0, 0.0, 1.0], (len(paint), 1)), normals])
         self.offsets_m = (self.outlines_m[:, 0] * self.normals).sum(axis=1)
         self.colours = self._behind_haze(

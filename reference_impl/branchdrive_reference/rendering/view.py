@@ -124,12 +124,11 @@ class View:
     def _draw_outlines(self, image: Image, surroundings: Surroundings) -> None:
         """Fill what faces the camera and is in its view, in the order of the surroundings."""
         pinhole, (normals, distances_m) = self._pinhole, self._frustum
-        facing = np.flatnonzero(surroundings.normals @ pinhole.place_m > surroundings.offsets_m)
-        corners = surroundings.outlines_m[facing]
-        inside = np.greater(corners.reshape(-1, 3) @ normals.T, distances_m).reshape(-1, 4, len(normals))
-        in_view = np.all(inside.any(axis=1), axis=1)
-        chosen, is_near = facing[in_view], ~np.all(inside[in_view, :, 0], axis=1)
-        seen = pinhole.seen(corners[in_view])
+        is_facing = surroundings.normals @ pinhole.place_m > surroundings.offsets_m
+        inside = (normals @ surroundings.corners_m > distances_m[:, None]).reshape(len(normals), 4, -1)
+        chosen = np.flatnonzero(inside.any(axis=1).all(axis=0) & is_facing)
+        is_near = ~inside[0, :, chosen].all(axis=1)
+        seen = pinhole.seen(surroundings.outlines_m[chosen])
         outlines = list(fixed_point(pinhole.pixels(np.where(is_near[:, None, None], 1.0, seen))))
         for number in np.flatnonzero(is_near).tolist():
             outlines[number] = fixed_point(pinhole.pixels(_clipped(seen[number])))

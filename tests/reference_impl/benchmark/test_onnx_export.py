@@ -11,7 +11,7 @@ from tests.reference_impl.benchmark.small_release import invoke
 from branchdrive import BranchDriveError, UsageError, open_model
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, build_manifest
-from branchdrive_reference.benchmark.onnx_export import TOLERANCE, check_equal
+from branchdrive_reference.benchmark.onnx_export import OPSET, TOLERANCE, check_equal
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
 
 
@@ -36,7 +36,10 @@ def test_it_agrees_with_torch(done: Path, checkpoints: list[Checkpoint], request
     assert about["branchdrive.release"] == Manifest.of(build_manifest(Folder(done)).files).identity
     assert about["branchdrive.utility"]["reversed"] == ["mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps"]
     assert [one["seed"] for one in about["branchdrive.checkpoints"]] == [11, 23]
-    assert model.opset_import[0].version >= 17
+    assert [one.version for one in model.opset_import if one.domain == ""] == [OPSET]
+    operators = [node.op_type for node in model.graph.node]
+    assert operators.count("GRU") == 2 * 2  # of state and controls, for each seed
+    assert len(operators) < 100 and not {"Less", "Sigmoid", "Tanh"} & {*operators}
     assert str(Path(__file__).parents[3]).encode() not in content
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,18 @@ def test_cells_are_means_of_their_pixels() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (48, 96, 3), np.uint8)
     cells = pixels.reshape(24, 2, 48, 2, 3).astype(int).sum((1, 3))
     expected = ((2 * cells + 4) // 8).reshape(6, 4, 8, 6, 3).transpose(0, 2, 1, 3, 4).reshape(48, 72)
+    np.testing.assert_array_equal(RgbPatches().encode([png(pixels)])[0], expected)
+
+
+@pytest.mark.parametrize("shape", [(90, 160), (9, 16), (7, 5), (200, 340)])
+def test_a_pixel_counts_in_a_cell_by_the_part_of_it_that_lies_there(shape: tuple[int, int]) -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (*shape, 3), np.uint8)
+    sums = pixels.astype(np.int64)
+    for axis, num_cells in ((0, 24), (1, 48)):  # of pixels each repeated so often that every cell has whole ones
+        parts = np.repeat(sums, num_cells, axis=axis)
+        sums = np.add.reduceat(parts, np.arange(num_cells) * shape[axis], axis=axis)
+    whole = math.prod(shape)
+    expected = ((2 * sums + whole) // (2 * whole)).reshape(6, 4, 8, 6, 3).transpose(0, 2, 1, 3, 4).reshape(48, 72)
     np.testing.assert_array_equal(RgbPatches().encode([png(pixels)])[0], expected)
 
 

@@ -25,7 +25,7 @@ from branchdrive.driving.route import project
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.manifest import Manifest
 from branchdrive.quality.variants import variants_document
-from branchdrive.raw.content import attempt_content, raw_content, table_content
+from branchdrive.raw.content import group_content, raw_content, table_content
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.statistics.split import split_digest
 from branchdrive.tables.content import table_digest
@@ -114,18 +114,17 @@ def test_content_of_tables(name: str) -> None:
     assert table_digest(name, table.take(np.arange(len(table))[::-1])) == case["block"]
 
 
-def test_content_of_attempts_and_layers() -> None:
+def test_content_of_groups_and_layers() -> None:
     tables = {name: stored(name) for name in TABLES if name != "frames"}
     view = ShardView(tables, Descriptor.model_validate(map_descriptor()))
-    blocks = table_content(view)
-    for place, rollout_id in enumerate(view.rollout_ids):
-        found = {name: digests[place].hex() for name, digests in blocks.items()}
-        assert found == CONTENT["attempts"][rollout_id]["rows"]
-    attempts = attempt_content(view)
-    assert attempts == {one: case["sha256"] for one, case in CONTENT["attempts"].items()}
+    found = {name: digest.hex() for name, (digest,) in table_content(view, view.group).items()}
+    (group,) = CONTENT["groups"].values()
+    assert found == group["blocks"]
+    groups = group_content(view)
+    assert groups == {one: case["sha256"] for one, case in CONTENT["groups"].items()}
     (town,) = set(tables["map"]["town"].to_pylist())
     assert CONTENT["maps"] == {f"map {town}": table_digest("map", tables["map"])}
-    facts = ShardFacts("raw/shard-00000", attempts=attempts, maps={town: table_digest("map", tables["map"])})
+    facts = ShardFacts("raw/shard-00000", groups=groups, maps={town: table_digest("map", tables["map"])})
     documents = {path: document_digest(case["value"]) for path, case in CONTENT["documents"].items()}
     parts = {"canonical/attempts-00000.parquet": table_digest("attempts", stored("attempts")), **documents}
     assert parts == CONTENT["parts"]

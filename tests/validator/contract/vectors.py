@@ -20,7 +20,7 @@ from typing import Any
 from tests.synthetic_map import map_tables
 from tests.validator.contract.test_encoding import vector_by_index
 from tests.validator.driving.oracle import Actor, Ego, closing_mps, evidence
-from tests.validator.raw.spelled_content import attempt_blocks, lines_digest, sha, table_block
+from tests.validator.raw.spelled_content import group_blocks, lines_digest, sha, table_block
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.columns import LAYER_TABLES, TABLES, declared_table
@@ -252,10 +252,10 @@ _CANONICAL: dict[str, Any] = {
 def content_vectors() -> dict[str, Any]:
     """One group with rows of every table, and the digest of everything that the content of a dataset is made of."""
     rows = {name: _rows_of(name) for name in TABLES if name != "frames"}
-    blocks = {one: attempt_blocks(one, rows) for one in sorted(_ATTEMPTS)}
-    attempts = {one: sha(b"".join(found.values())).hex() for one, found in blocks.items()}
+    blocks = group_blocks(_GROUP, rows)
+    group = sha(b"".join(blocks.values())).hex()
     towns = {f"map {town}": table_block("map", rows["map"]).hex() for town in sorted({r["town"] for r in rows["map"]})}
-    raw = lines_digest({**attempts, **towns})
+    raw = lines_digest({f"group {_GROUP}": group, **towns})
     records = [_record(row) for row in rows["rollouts"]]
     document = {**_CANONICAL["source.json"], "raw_layer": raw}
     parts = {
@@ -267,16 +267,13 @@ def content_vectors() -> dict[str, Any]:
     return {
         "about": "Content digests of spec/03-layout.md#content on one branch group, cut to a few ticks and two "
         "attempts, so no valid dataset. A row is a list in the order of `columns`; float32 columns hold the doubles "
-        "that are equal to them. `block` is the digest of all rows of a table, `rows` of an attempt that of its rows.",
+        "that are equal to them. `block` is the digest of all rows of a table, and `blocks` are those of a group.",
         "descriptor": {"text": text, "sha256": _sha256(text)},
         "tables": {
             **{name: _table(name, found) for name, found in rows.items()},
             "attempts": _table("attempts", records),
         },
-        "attempts": {
-            one: {"rows": {name: digest.hex() for name, digest in blocks[one].items()}, "sha256": attempts[one]}
-            for one in attempts
-        },
+        "groups": {_GROUP: {"blocks": {name: digest.hex() for name, digest in blocks.items()}, "sha256": group}},
         "maps": towns,
         "documents": {"canonical/source.json": {"value": document, "sha256": parts["canonical/source.json"]}},
         "parts": parts,

@@ -63,6 +63,16 @@ def test_a_route_that_is_no_number_is_alone() -> None:
     assert route_clusters(["a"] * 4, [lost, line(0), lost, line(1)]).tolist() == [0, 1, 2, 1]
 
 
+def test_a_route_without_an_end_is_alone() -> None:
+    endless = np.where(np.arange(CLUSTER_POINTS)[:, None] == 3, np.inf, line(0))
+    assert route_clusters(["a"] * 4, [endless, line(0), endless, line(1)]).tolist() == [0, 1, 2, 1]
+
+
+def test_routes_far_from_the_origin_are_compared_like_others() -> None:
+    far = np.array([1e9, -1e9])
+    assert route_clusters(["a"] * 3, [line(0) + far, line(1) + far, line(3) + far]).tolist() == [0, 0, 1]
+
+
 def test_no_routes_have_no_clusters() -> None:
     assert route_clusters([], np.empty((0, CLUSTER_POINTS, 2))).tolist() == []
 
@@ -72,11 +82,14 @@ def test_towns_must_match_the_routes() -> None:
         route_clusters(["a"], [line(0), line(1)])
 
 
-@given(st.integers(0, 10_000), st.integers(1, 40), st.floats(0.5, 12))
-def test_clusters_are_the_components_of_the_close_routes(seed: int, num_routes: int, spread_m: float) -> None:
+@given(st.integers(0, 10_000), st.integers(1, 60), st.floats(0.5, 40), st.floats(0, 2))
+def test_clusters_are_the_components_of_the_close_routes(
+    seed: int, num_routes: int, spread_m: float, noise_m: float
+) -> None:
     rng = np.random.default_rng(seed)
     offsets = rng.uniform(-spread_m, spread_m, (num_routes, 1, 2))
-    routes = line(0)[None] + offsets + rng.normal(0, 0.2, (num_routes, CLUSTER_POINTS, 2))
+    routes = line(0)[None] + offsets + rng.normal(0, noise_m, (num_routes, CLUSTER_POINTS, 2))
+    routes = routes[rng.integers(num_routes, size=num_routes)]  # some are driven more than once
     towns = rng.choice(["a", "b"], num_routes).tolist()
     apart = np.sqrt(np.square(routes[:, None] - routes[None]).sum(axis=3).mean(axis=2))
     close = (apart < CLUSTER_RMS_M) & (np.array(towns)[:, None] == np.array(towns))

@@ -65,9 +65,26 @@ def test_encodings_are_pinned() -> None:
 
 def test_string_columns_share_one_dictionary_over_row_groups() -> None:
     content = written(pa.table({"word": [f"w{i // 10}" for i in range(100)]}), row_group_size=30)
-    word = decode_table(content).column("word")
-    assert len({chunk.dictionary.to_pylist()[0] for chunk in word.chunks}) == 1
-    assert all(chunk.dictionary.equals(word.chunk(0).dictionary) for chunk in word.chunks)
+    (word,) = decode_table(content).column("word").chunks
+    assert word.dictionary.to_pylist() == [f"w{i}" for i in range(10)]
+    assert word.to_pylist() == [f"w{i // 10}" for i in range(100)]
+
+
+def test_every_column_is_in_one_piece_and_its_pieces_are_freed() -> None:
+    num_rows = 150_000
+    table = pa.table(
+        {
+            "number": pa.array(np.arange(num_rows, dtype=np.float64), mask=np.arange(num_rows) % 7 == 0),
+            "flag": np.arange(num_rows) % 3 == 0,
+            "list": pa.array([[0.5] * (i % 3) or None for i in range(num_rows)], pa.list_(pa.float64())),
+        }
+    )
+    content = written(table, row_group_size=40_000)
+    before = pa.total_allocated_bytes()
+    decoded = decode_table(content)
+    assert pa.total_allocated_bytes() - before < 1.25 * decoded.nbytes
+    assert {column.num_chunks for column in decoded.columns} == {1}
+    assert decoded.to_pydict() == table.to_pydict()
 
 
 @pytest.mark.parametrize(

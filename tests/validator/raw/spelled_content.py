@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from branchdrive.contract.columns import Column, declared_table
@@ -38,12 +38,12 @@ def spelled(column: Column, cells: list[Any]) -> bytes:
     return content + b"".join(struct.pack(form, 0 if cell is None else cell) for cell in cells)
 
 
-def block(name: str, rows: Sequence[Row], columns: Iterable[Column]) -> bytes:
-    """Digest of rows of a table in the order of their key, none of which two share."""
+def table_block(name: str, rows: Sequence[Row]) -> bytes:
+    """Digest of the block of rows of a table, in the order of their key, which no two share."""
     ordered = sorted(rows, key=lambda row: [_sortable(row[part]) for part in declared_table(name).key])
     return sha(
         f"{name} {len(rows)}\n".encode()
-        + b"".join(spelled(column, [row[column.name] for row in ordered]) for column in columns)
+        + b"".join(spelled(column, [row[column.name] for row in ordered]) for column in declared_table(name).columns)
     )
 
 
@@ -51,18 +51,11 @@ def _sortable(value: Any) -> Any:
     return value.encode() if isinstance(value, str) else value
 
 
-def table_block(name: str, rows: Sequence[Row]) -> bytes:
-    """Digest of all columns of rows of a table."""
-    return block(name, rows, declared_table(name).columns)
-
-
-def attempt_blocks(rollout_id: str, rows: dict[str, list[Row]]) -> dict[str, bytes]:
-    """Digests of the rows of an attempt in every table, in the order of `ORDER`."""
-    own = {name: [row for row in rows[name] if row["rollout_id"] == rollout_id] for name in ORDER if name in rows}
-    return {
-        name: block(name, found, declared_table(name).columns[0 if name == "rollouts" else 1 :])
-        for name, found in own.items()
-    }
+def group_blocks(group_id: str, rows: dict[str, list[Row]]) -> dict[str, bytes]:
+    """Digests of the rows of a branch group in every table, in the order of `ORDER`."""
+    attempts = {row["rollout_id"] for row in rows["rollouts"] if row["group_id"] == group_id}
+    own = {name: [row for row in rows[name] if row["rollout_id"] in attempts] for name in ORDER if name in rows}
+    return {name: table_block(name, found) for name, found in own.items()}
 
 
 def lines_digest(parts: dict[str, str]) -> str:

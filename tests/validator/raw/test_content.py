@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,19 +14,24 @@ import pyarrow as pa
 import pytest
 from tests import synthetic
 from tests.validator.engine.datasets import FOLDER, OTHER_FOLDER, Tables, edited, parquet_bytes, write_with
-from tests.validator.raw.spelled_content import ORDER, attempt_blocks, lines_digest, sha, table_block
+from tests.validator.raw.spelled_content import ORDER, group_blocks, lines_digest, sha, table_block
 
+from branchdrive.contract.columns import declared_table
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import document_digest
 from branchdrive.engine.validate import validate
+from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.parquet import encode_table
+from branchdrive.raw.content import group_content, raw_content
+from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import table_digest
 
 
 def spelled_content(tables: Tables) -> str:
     """Content digest of a raw layer, without any of the code that it is a digest of."""
     rows = {name: [row for shard in tables.values() for row in shard[name].to_pylist()] for name in ORDER}
-    ids = [record["rollout_id"] for record in rows["rollouts"]]
-    return lines_digest({one: sha(b"".join(attempt_blocks(one, rows).values())).hex() for one in ids})
+    groups = {record["group_id"] for record in rows["rollouts"]}
+    return lines_digest({f"group {one}": sha(b"".join(group_blocks(one, rows).values())).hex() for one in groups})
 
 
 def content_of(root: Path) -> str | None:
@@ -123,6 +129,83 @@ def test_everything_that_is_said_changes_it(name: str, base: str, tmp_path: Path
     assert content_of(written(tmp_path / "dataset", CHANGES[name]())) not in (base, None)
 
 
+def content_by_group(tables: Mapping[str, pa.Table]) -> dict[str, str]:
+    found = group_content(ShardView(tables, Descriptor.model_validate(synthetic.descriptor())))
+    assert found is not None
+    return found
+
+
+def with_another_cell(table: pa.Table, column: str, row: int) -> pa.Table:
+    place, cells = table.schema.get_field_index(column), table[column].to_pylist()
+    field, cell = table.schema.field(place), cells[row]
+    if pa.types.is_list(field.type):
+        cells[row] = [*(cell or []), 1.5]
+    elif pa.types.is_string(field.type):
+        cells[row] = f"{cell}-other"
+    else:
+        cells[row] = not cell if pa.types.is_boolean(field.type) else (cell or 0) + 1
+    return table.set_column(place, field, pa.array(cells, field.type))
+
+
+def columns_of(name: str) -> list[str]:
+    return [column.name for column in declared_table(name).columns if column.name not in ("rollout_id", "group_id")]
+
+
+@pytest.mark.parametrize(("name", "column"), [(name, column) for name in ORDER for column in columns_of(name)])
+def test_every_cell_is_in_the_digest_of_its_group_alone(name: str, column: str) -> None:
+    tables = synthetic.base_tables()[FOLDER]
+    row = len(tables[name]) - 1
+    rollout_id = tables[name]["rollout_id"][row].as_py()
+    owner = next(r["group_id"] for r in tables["rollouts"].to_pylist() if r["rollout_id"] == rollout_id)
+    before = content_by_group(tables)
+    after = content_by_group({**tables, name: with_another_cell(tables[name], column, row)})
+    assert len(before) > 1
+    assert [group for group in before if before[group] != after[group]] == [owner]
+
+
+def renamed(tables: Tables, new: Callable[[str], str]) -> Tables:
+    """The tables with other identities of attempts."""
+    names = {"rollout_id", "nominal_rollout_id", "trigger_rollout_id"}
+
+    def named(table: pa.Table) -> pa.Table:
+        for place, field in enumerate(table.schema):
+            if field.name in names:
+                cells = [one and new(one) for one in table[field.name].to_pylist()]
+                table = table.set_column(place, field, pa.array(cells, field.type))
+        return table
+
+    return {folder: {name: named(table) for name, table in shard.items()} for folder, shard in tables.items()}
+
+
+@pytest.mark.parametrize("change", [lambda tables: tables, shuffled, as_one_shard])
+def test_attempts_of_groups_may_alternate(change: Callable[[Tables], Tables], tmp_path: Path) -> None:
+    tables = renamed(synthetic.base_tables(), lambda one: one[::-1])
+    assert content_of(written(tmp_path / "dataset", change(tables))) == spelled_content(tables)
+
+
+def test_a_group_in_several_shards_has_no_content() -> None:
+    one = ShardFacts("raw/shard-00000", group_ids=["g"], groups={"g": "0" * 64})
+    assert raw_content([one]) is not None
+    assert raw_content([one, replace(one, folder="raw/shard-00001")]) is None
+
+
+def test_a_repeated_attempt_has_no_content() -> None:
+    shards = [
+        ShardFacts(f"raw/shard-0000{i}", rollout_ids=["r"], group_ids=[name], groups={name: "0" * 64})
+        for i, name in enumerate("ab")
+    ]
+    assert raw_content(shards) is None
+
+
+def test_an_attempt_without_a_group_has_no_content() -> None:
+    tables = synthetic.base_tables()[FOLDER]
+    place = tables["rollouts"].schema.get_field_index("group_id")
+    groups = pa.array([None, *tables["rollouts"]["group_id"].to_pylist()[1:]], pa.string())
+    rollouts = tables["rollouts"].set_column(place, pa.field("group_id", pa.string()), groups)
+    view = ShardView({**tables, "rollouts": rollouts}, Descriptor.model_validate(synthetic.descriptor()))
+    assert group_content(view) is None
+
+
 def test_repeated_rows_have_one_order(tmp_path: Path) -> None:
     def twice(table: pa.Table) -> pa.Table:
         other = table.slice(40, 3)
@@ -144,7 +227,7 @@ def test_rows_of_nobody_have_no_content(tmp_path: Path) -> None:
 
 
 def test_many_texts_are_counted_like_few(base: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("branchdrive.tables.content._CELLS_PER_ROW", 0)
+    monkeypatch.setattr("branchdrive.tables.content._CELLS_PER_RUN", 0)
     assert content_of(written(tmp_path / "dataset", synthetic.base_tables())) == base
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmarks.memory import process_tree
 from tests import synthetic
 from tests.repo.checkout import ROOT
 from tests.sampling import sampled
@@ -112,6 +113,9 @@ class Fragile(ThreadPoolExecutor):
 
     num_submitted = 0
 
+    def __init__(self, jobs: int, _: object) -> None:
+        super().__init__(jobs)
+
     def submit(self, *arguments: Any) -> Any:  # type: ignore[override]
         Fragile.num_submitted += 1
         if Fragile.num_submitted % 2 == 0:
@@ -198,7 +202,7 @@ def test_a_worker_that_dies_for_no_reason_in_the_data_is_an_error(
     assert report.findings == ()
 
 
-def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+def test_workers_and_their_server_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     place = tmp_path / "worker"
     code = (
         f"from branchdrive.runtime.executor import isolated\nfrom tests.validator.runtime.tasks import sleep_and_tell\n"
@@ -206,8 +210,10 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
         wait_for(lambda: place.exists() and place.read_text() != "")
+        processes = process_tree(parent.pid)
+        assert {parent.pid, int(place.read_text())} < processes
         parent.kill()
-    wait_for(lambda: not Path(f"/proc/{place.read_text()}").exists())
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in processes))
 
 
 def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from branchdrive.statistics.random_words import below, words
 
 def of_values(values: np.ndarray, resampling: Design) -> Intervals:
     """Intervals of the mean of values ``[N, K]``."""
-    found = resampling.split(counted_mean(resampling.counts, values))
+    found = resampling.split(counted_mean(resampling, values))
     there = ~np.isnan(values)
     return intervals(*found, there.sum(axis=0), resampling.clusters.num_there(there))
 
@@ -27,7 +27,7 @@ def test_both_intervals_are_those_of_scipy(seed: int) -> None:
     values = np.random.default_rng(seed).lognormal(sigma=1.2, size=31)
     resampling = design(alone(31), seed=seed, num_resamples=500)
     ends = of_values(values[:, None], resampling)
-    means = resampling.counts[1:501] @ values / 31
+    means = resampling[1:501] @ values / 31
     for method, low, high in [
         ("percentile", ends.low, ends.high),
         ("BCa", ends.bca_low, ends.bca_high),
@@ -45,7 +45,7 @@ def test_both_intervals_are_those_of_scipy(seed: int) -> None:
 def test_a_root_mean_square_has_the_intervals_of_scipy() -> None:
     squares = np.random.default_rng(5).gamma(1.0, size=25)
     resampling = design(alone(25), seed=8, num_resamples=400)
-    found = resampling.split(np.sqrt(counted_mean(resampling.counts, squares[:, None])))
+    found = resampling.split(np.sqrt(counted_mean(resampling, squares[:, None])))
     ends = intervals(*found, np.array([25]), np.array([25]))
     expected = bootstrap(
         (squares,),
@@ -116,7 +116,7 @@ def test_resamples_without_the_metric_are_left_out_and_counted() -> None:
     values[:2, 0] = [1.0, 3.0]
     resampling = design(alone(6), seed=0, num_resamples=400)
     ends = of_values(values, resampling)
-    without = int((resampling.counts[1:401, :2].sum(axis=1) == 0).sum())
+    without = int((resampling[1:401][:, :2].sum(axis=1) == 0).sum())
     assert without > 0
     assert ends.num_undefined[0] == without
     assert (float(ends.low[0]), float(ends.high[0])) == (1.0, 3.0)

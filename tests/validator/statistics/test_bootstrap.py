@@ -11,11 +11,12 @@ from tests.validator.statistics.samples import alone, pairs
 
 from branchdrive.statistics.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
 from branchdrive.statistics.random_words import below, words
+from branchdrive.statistics.rounding import sums
 
 
 def test_a_design_holds_estimate_resamples_and_jackknife() -> None:
     found = design(alone(5), seed=1, num_resamples=40)
-    estimate, resamples, jackknife, by_cluster = found.split(found.counts)
+    estimate, resamples, jackknife, by_cluster = found.split(found[:])
     np.testing.assert_array_equal(estimate, np.ones(5))
     assert resamples.shape == (40, 5)
     assert (resamples.sum(axis=1) == 5).all()
@@ -33,33 +34,54 @@ def test_a_resample_of_clusters_takes_all_groups_of_each_that_it_draws() -> None
             for group, name in enumerate(clusters):
                 row[group] += name == names[place]
     found = design(clusters, seed=3, num_resamples=30)
-    np.testing.assert_array_equal(found.split(found.counts)[3], expected)
+    np.testing.assert_array_equal(found.split(found[:])[3], expected)
     assert found.clusters.names == tuple(names)
 
 
 def test_resamples_of_groups_do_not_depend_on_clusters() -> None:
     left, right = (design(clusters, seed=2, num_resamples=20) for clusters in (alone(8), pairs(8)))
-    np.testing.assert_array_equal(left.counts[:29], right.counts[:29])
-    assert (left.counts[29:] != right.counts[29:]).any()
+    np.testing.assert_array_equal(left[:29], right[:29])
+    assert (left[29:] != right[29:]).any()
 
 
 def test_clusters_of_one_group_are_resampled_like_groups() -> None:
     found = design(alone(6), seed=0, num_resamples=20_000)
-    by_group, by_cluster = found.split(found.counts)[1::2]
+    by_group, by_cluster = found.split(found[:])[1::2]
     assert (by_group != by_cluster).any()
     for power in (1, 2):
         np.testing.assert_allclose((by_cluster**power).mean(axis=0), (by_group**power).mean(axis=0), rtol=0.05)
 
 
+@given(st.lists(st.floats(-1e9, 1e9) | st.floats(-1e-9, 1e-9), min_size=1, max_size=12), st.integers(0, 9))
+def test_products_with_a_design_are_those_with_all_its_rows(values: list[float], seed: int) -> None:
+    found = design(pairs(len(values)), seed=seed, num_resamples=7)
+    column = np.array(values)[:, None]
+    np.testing.assert_array_equal(sums(found, column), sums(found[:], column))
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(3, 60, 7), slice(20, 37), slice(100, 200)])
+def test_rows_of_a_design_are_those_of_all(rows: slice) -> None:
+    found = design(pairs(15), seed=1, num_resamples=20)
+    np.testing.assert_array_equal(found[rows], found[:][rows])
+
+
+def test_a_design_of_many_groups_is_never_a_matrix_of_groups_by_groups() -> None:
+    num_groups = 50_000  # squared, 20 GB
+    found = design(alone(num_groups), seed=0, num_resamples=2)
+    values = np.arange(num_groups, dtype=np.float64)[:, None]
+    _, _, jackknife, _ = found.split(counted_mean(found, values))
+    np.testing.assert_allclose(jackknife[:, 0], (values.sum() - values[:, 0]) / (num_groups - 1), rtol=1e-14)
+
+
 def test_counts_of_another_stream_are_others() -> None:
     found = [resampled_counts(6, seed=1, stream=stream, num_resamples=30) for stream in ("metric/bootstrap", "other")]
-    np.testing.assert_array_equal(found[0], design(alone(6), seed=1, num_resamples=30).counts[1:31])
+    np.testing.assert_array_equal(found[0], design(alone(6), seed=1, num_resamples=30)[1:31])
     assert (found[0] != found[1]).any()
     assert (found[1].sum(axis=1) == 6).all()
 
 
 def test_resamples_are_multinomial() -> None:
-    counts = design(alone(4), seed=0, num_resamples=20_000).counts[1:20_001]
+    counts = design(alone(4), seed=0, num_resamples=20_000)[1:20_001]
     assert chisquare(counts.sum(axis=0)).pvalue > 0.001
     expected = 20_000 * np.array([(3 / 4) ** 4, 4 * (1 / 4) * (3 / 4) ** 3])
     found = [np.count_nonzero(counts[:, 0] == k) for k in (0, 1)]
@@ -69,7 +91,7 @@ def test_resamples_are_multinomial() -> None:
 
 def test_a_resample_depends_on_seed_and_number_alone() -> None:
     few, many, other = (
-        found.split(found.counts)
+        found.split(found[:])
         for found in (
             design(pairs(6), seed=3, num_resamples=9),
             design(pairs(6), seed=3),
@@ -88,7 +110,7 @@ def test_no_group_is_no_sample() -> None:
 
 @given(st.lists(st.one_of(st.floats(-9, 9), st.just(np.nan)), min_size=1, max_size=7), st.integers(0, 99))
 def test_a_counted_mean_is_that_of_repeated_groups(values: list[float], seed: int) -> None:
-    counts = design(alone(len(values)), seed=seed, num_resamples=5).counts
+    counts = design(alone(len(values)), seed=seed, num_resamples=5)[:]
     found = counted_mean(counts, np.array(values)[:, None])
     for row, mean in zip(counts.astype(int), found[:, 0], strict=True):
         repeated = np.repeat(values, row)

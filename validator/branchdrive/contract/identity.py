@@ -46,7 +46,7 @@ def _encoded(value: Any) -> Iterator[bytes]:
 
 
 def layer_content(parts: Mapping[str, str]) -> str:
-    """Digest of a layer from those of its parts by name: attempts of the raw layer, else tables and documents."""
+    """Digest of a layer from those of its parts by name: groups and maps of the raw one, else tables and documents."""
     lines = (f"{name} {parts[name]}\n" for name in sorted(parts, key=str.encode))
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from branchdrive.contract.columns import declared_table, table_schema
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files
@@ -20,7 +22,7 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, read_manifest
 from branchdrive.formats.table_file import conform, join_parts, read_table
 from branchdrive.layers.content import file_content, read_document
-from branchdrive.raw.content import attempt_content, table_content
+from branchdrive.raw.content import is_identified, table_content
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import map_digests
@@ -91,9 +93,9 @@ class _RawSide:
         self.tables = [name for name in descriptor.tables if name != "frames"]
         for shard in find_shards(dataset):
             view = ShardView({name: shard.decode(name) for name in self.tables}, descriptor)
-            if attempt_content(view) is None:
+            if not is_identified(view):
                 raise DatasetError(f"{shard.folder}: identifiers repeat or lead nowhere; run `branchdrive-validate`")
-            by_table = table_content(view)
+            by_table = table_content(view, np.arange(view.num_rollouts))  # attempts, where identity takes groups
             for place, rollout_id in enumerate(view.rollout_ids):
                 self.shard_of[rollout_id] = shard
                 self.content[rollout_id] = {name: digests[place] for name, digests in by_table.items()}

@@ -15,6 +15,7 @@ Source: spec/05-raw-streams.md#projection, and #evidence (static objects are rel
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +23,10 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.box import Boxes
 
-__all__ = ["Feet", "RoutePosition", "feet_within", "points_near", "polyline_box_distance_m", "project"]
+__all__ = ["Feet", "Polylines", "RoutePosition", "feet_within", "points_near", "polyline_box_distance_m", "project"]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _MAX_CELLS = 1 << 20
 """Pairs of a box or a point and a vertex that are held at once: 8 MiB per intermediate array."""
@@ -74,30 +76,100 @@ def project(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array) -> Route
 
 
 def feet_within(x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array, reach_m: Array) -> Feet:
-    """Feet of points that are no further from them than `reach_m` ``[points]``.
+    """`Polylines.feet_within` of one polyline."""
+    return Polylines([(route_x_m, route_y_m)]).feet_within(x_m, y_m, np.zeros(len(x_m), np.int64), reach_m)
 
-    Where a point's reach is beyond a circle around some part of the route, feet outside of that circle may be left
-    out: they are not the nearest.
+
+class Polylines:
+    """Polylines whose neighbouring segments are enclosed by circles, so that feet of many points are found at once.
+
+    Args:
+        polylines: Vertices x and y of each, at least two, no two neighbours equal.
     """
-    num_segments = len(route_x_m) - 1
-    first = np.arange(0, num_segments, _BLOCK_SEGMENTS)
-    vertex = np.minimum(first + np.arange(_BLOCK_SEGMENTS + 1)[:, None], num_segments)  # [vertices, blocks]
-    xs, ys = route_x_m[vertex], route_y_m[vertex]
-    centre_x, centre_y = (xs.min(axis=0) + xs.max(axis=0)) / 2, (ys.min(axis=0) + ys.max(axis=0)) / 2
-    radius = np.hypot(xs - centre_x, ys - centre_y).max(axis=0) * _ABOVE
-    at_once = max(1, _MAX_CELLS // num_segments)
-    parts = []
-    for start in range(0, max(len(x_m), 1), at_once):
-        here = slice(start, start + at_once)
-        dx, dy = x_m[here, None] - centre_x, y_m[here, None] - centre_y
-        distance = np.sqrt(dx * dx + dy * dy)
-        reach = np.minimum(reach_m[here], (distance + radius).min(axis=1)) * _ABOVE
-        point, block = np.nonzero(distance <= reach[:, None] + radius)
-        segment = (first[block][:, None] + np.arange(_BLOCK_SEGMENTS)).ravel()
-        point = point.repeat(_BLOCK_SEGMENTS) + start
-        kept = np.flatnonzero(segment < num_segments)
-        parts.append(_feet(point[kept], segment[kept], x_m, y_m, route_x_m, route_y_m, reach_m))
-    return _joined(parts)
+
+    def __init__(self, polylines: Sequence[tuple[Array, Array]]) -> None:
+        num_segments = np.array([len(x) - 1 for x, _ in polylines], np.int64)
+        x, y = (np.concatenate([vertices[axis] for vertices in polylines]) for axis in (0, 1))
+        polyline = np.repeat(np.arange(len(polylines)), num_segments)
+        first_segment = np.cumsum(num_segments) - num_segments
+        first = np.arange(len(polyline)) + polyline  # vertex at which each segment begins
+        self._x, self._y = x[first], y[first]
+        self._ex, self._ey = np.diff(x)[first], np.diff(y)[first]
+        self._square = self._ex * self._ex + self._ey * self._ey
+        self._length, self._heading = np.hypot(self._ex, self._ey), np.arctan2(self._ey, self._ex)
+        self._arc = np.concatenate(
+            [np.append(0.0, np.cumsum(part)[:-1]) for part in _split(self._length, num_segments)]
+        )
+
+        self._num_blocks = -(-num_segments // _BLOCK_SEGMENTS)
+        self._first_block = np.cumsum(self._num_blocks) - self._num_blocks
+        owner, place = _ranges(self._num_blocks)
+        self._segment = first_segment[owner] + place * _BLOCK_SEGMENTS
+        self._num_segments = np.minimum(num_segments[owner] - place * _BLOCK_SEGMENTS, _BLOCK_SEGMENTS)
+        vertex = self._segment + owner + np.minimum(np.arange(_BLOCK_SEGMENTS + 1)[:, None], self._num_segments)
+        xs, ys = x[vertex], y[vertex]  # [vertices, blocks]
+        self._centre_x, self._centre_y = ((v.min(axis=0) + v.max(axis=0)) / 2 for v in (xs, ys))
+        self._radius = np.hypot(xs - self._centre_x, ys - self._centre_y).max(axis=0) * _ABOVE
+
+    def feet_within(self, x_m: Array, y_m: Array, polyline: Index, reach_m: Array) -> Feet:
+        """Feet of points on their polylines that are no further from them than `reach_m`.
+
+        Where a point's reach is beyond a circle around some part of its polyline, feet outside of that circle may be
+        left out: they are not the nearest.
+
+        Args:
+            x_m: The points ``[points]``.
+            y_m: The same, y.
+            polyline: Polyline of each ``[points]``.
+            reach_m: How far feet matter ``[points]``.
+        """
+        cells = np.cumsum(self._num_blocks[polyline]) * _BLOCK_SEGMENTS
+        bounds = np.searchsorted(cells, np.arange(0, cells[-1] if len(cells) else 1, _MAX_CELLS))
+        parts = [
+            self._feet(np.arange(start, stop), x_m, y_m, polyline, reach_m)
+            for start, stop in zip(bounds, np.append(bounds[1:], len(x_m)), strict=True)
+            if start < stop or not len(x_m)
+        ]
+        position = RoutePosition(*map(np.concatenate, zip(*(part.position for part in parts), strict=True)))
+        return Feet(np.concatenate([part.point for part in parts]), position)
+
+    def _feet(self, points: Index, x_m: Array, y_m: Array, polyline: Index, reach_m: Array) -> Feet:
+        counts = self._num_blocks[polyline[points]]
+        owner, place = _ranges(counts)
+        point, block = points[owner], self._first_block[polyline[points]][owner] + place
+        dx, dy = x_m[point] - self._centre_x[block], y_m[point] - self._centre_y[block]
+        distance, radius = np.sqrt(dx * dx + dy * dy), self._radius[block]
+        if not len(point):
+            return Feet(point, RoutePosition(distance, distance, distance))
+        nearest = np.minimum.reduceat(distance + radius, np.cumsum(counts) - counts)
+        reach = np.minimum(reach_m[points], nearest) * _ABOVE
+        near = np.flatnonzero(distance <= reach[owner] + radius)
+        owner, place = _ranges(self._num_segments[block[near]])
+        return self._feet_on(point[near][owner], self._segment[block[near]][owner] + place, x_m, y_m, reach_m)
+
+    def _feet_on(self, point: Index, segment: Index, x_m: Array, y_m: Array, reach_m: Array) -> Feet:
+        """Feet of points on segments, those that are near enough."""
+        px, py = x_m[point] - self._x[segment], y_m[point] - self._y[segment]
+        sx, sy = self._ex[segment], self._ey[segment]
+        along = np.clip((px * sx + py * sy) / self._square[segment], 0.0, 1.0)
+        off_x, off_y = px - along * sx, py - along * sy
+        distance = np.sqrt(off_x * off_x + off_y * off_y)
+        kept = np.flatnonzero(distance <= reach_m[point])
+        point, segment, distance = point[kept], segment[kept], distance[kept]
+        is_right = sx[kept] * py[kept] - sy[kept] * px[kept] < 0
+        progress = self._arc[segment] + along[kept] * self._length[segment]
+        offset = np.where(is_right, -distance, distance)
+        return Feet(point, RoutePosition(progress, offset, self._heading[segment]))
+
+
+def _ranges(counts: Index) -> tuple[Index, Index]:
+    """Owner and place within it of ``counts[i]`` items of every owner ``i``."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _split(values: Array, counts: Index) -> list[Array]:
+    return np.split(values, np.cumsum(counts)[:-1])
 
 
 def points_near(
@@ -131,34 +203,6 @@ def points_near(
     place = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (first[segment] + place) / pieces[segment]
     return route_x_m[segment] + share * ex[segment], route_y_m[segment] + share * ey[segment]
-
-
-def _joined(parts: list[Feet]) -> Feet:
-    position = RoutePosition(*map(np.concatenate, zip(*(part.position for part in parts), strict=True)))
-    return Feet(np.concatenate([part.point for part in parts]), position)
-
-
-def _arc_m(route_x_m: Array, route_y_m: Array) -> Array:
-    return np.concatenate([np.zeros(1), np.cumsum(np.hypot(np.diff(route_x_m), np.diff(route_y_m)))])
-
-
-def _feet(
-    point: NDArray[np.intp], segment: NDArray[np.intp], x_m: Array, y_m: Array, route_x_m: Array, route_y_m: Array,
-    reach_m: Array,
-) -> Feet:  # fmt: skip
-    ex, ey = np.diff(route_x_m), np.diff(route_y_m)
-    square = ex * ex + ey * ey
-    length, arc = np.hypot(ex, ey), _arc_m(route_x_m, route_y_m)
-    px, py = x_m[point] - route_x_m[segment], y_m[point] - route_y_m[segment]
-    sx, sy = ex[segment], ey[segment]
-    along = np.clip((px * sx + py * sy) / square[segment], 0.0, 1.0)
-    off_x, off_y = px - along * sx, py - along * sy
-    distance = np.sqrt(off_x * off_x + off_y * off_y)
-    kept = np.flatnonzero(distance <= reach_m[point])
-    point, segment, distance = point[kept], segment[kept], distance[kept]
-    is_right = sx[kept] * py[kept] - sy[kept] * px[kept] < 0
-    progress = arc[segment] + along[kept] * length[segment]
-    return Feet(point, RoutePosition(progress, np.where(is_right, -distance, distance), np.arctan2(ey, ex)[segment]))
 
 
 def _point_segment(px: Array, py: Array, ax: Array, ay: Array, bx: Array, by: Array) -> Array:

@@ -17,16 +17,15 @@ import numpy as np
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layer import table_paths
+from branchdrive.contract.layer import paths_by_table
 from branchdrive.contract.mismatch import Check, Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES
-from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
 from branchdrive.engine.judge import judge
+from branchdrive.engine.rules import bind_rules
 from branchdrive.engine.spool import Spool, SpooledFrames, SpooledTables
 from branchdrive.engine.tally import Tally
 from branchdrive.layers.compare import key_of
 from branchdrive.layers.view import RawLayer, ReleaseView
-from branchdrive.quality.rules.qualification import POPULATION
 from branchdrive.runtime.executor import memory_limit
 from branchdrive.tables.frame import Frame, take
 
@@ -105,15 +104,18 @@ def judge_part(task: LayersTask) -> LayersResult:
     view = view_of(task)
     with memory_limit(task.max_bytes):
         tallies, _ = judge_layers(view, task.rules, task.broken)
+    from branchdrive.quality.rules.qualification import POPULATION
+
     holds = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
     return LayersResult(tallies, view.document(POPULATION) if holds else None)
 
 
 def view_of(task: LayersTask) -> ReleaseView:
     """What the rules of a task see."""
+    paths = paths_by_table(task.num_rows)
     return ReleaseView(
         task.descriptor,
-        SpooledTables(task.spool, {name: table_paths(name, task.num_rows) for name in task.tables}),
+        SpooledTables(task.spool, {name: paths.get(name, ()) for name in task.tables}),
         task.spool.get("documents"),
         task.spool.get("contents"),
         _raw_layer(task),
@@ -156,6 +158,7 @@ def judge_layers(
         info = CATALOGUE[rule_id]
         tally = tallies[rule_id] = Tally(rule_id, is_claimed=info.layer is None or view.claims(info.layer))
         if tally.is_claimed:
+            bind_rules(info.layer)
             trusted = view.without({name for other in info.requires for name in broken.get(other, ())})
             bad = judge(tally, partial(RULES[rule_id], trusted), partial(_mismatches, view))
             broken[rule_id] = frozenset(check.table for check in bad if check.table is not None)

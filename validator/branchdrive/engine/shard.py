@@ -2,10 +2,6 @@
 
 Each file is read once; that buffer is hashed and decoded in full, so what was judged is what was digested.
 
-Rows for the derived layers are small, so that they travel between processes. Shards hold whole groups, so a map over
-them gives every row; what needs all groups at once (clusters, split, thresholds, population, normalisation) is
-computed from these rows by the room of its layer.
-
 Source: spec/07-rules.md#trust, spec/10-layers.md#derivation.
 """
 
@@ -17,13 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from branchdrive.canonical.record import attempts, records
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.media import MediaMode
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
-from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.engine.examine import VIEW_RULES, examine
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
@@ -31,14 +25,7 @@ from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.formats.folder import Folder, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
-from branchdrive.leakage.replays import replay_facts
-from branchdrive.model.images import media_columns
-from branchdrive.model.inputs import inputs_of
-from branchdrive.model.targets import candidate_columns, scalar_columns, trajectory_columns
-from branchdrive.quality.qualification import attempt_quality, group_quality
-from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
-from branchdrive.quality.replay_frames import frame_columns
-from branchdrive.raw.content import attempt_content
+from branchdrive.raw.content import group_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.raw.media.image_eye import Look
 from branchdrive.raw.media.images import Images
@@ -48,7 +35,7 @@ from branchdrive.raw.motion.extent import vehicle_widths
 from branchdrive.raw.motion.lane_use import lane_use
 from branchdrive.raw.motion.outline import outlines
 from branchdrive.raw.motion.prevalence import broken_relations, num_in_contact, num_missing_attempts
-from branchdrive.raw.motion.response import executed, observed_extremes, responses_of, tracks
+from branchdrive.raw.motion.response import observed_extremes, responses, tracks
 from branchdrive.raw.motion.sight import sights
 from branchdrive.raw.motion.track_ends import track_ends
 from branchdrive.raw.semantic.bodies import SemanticActors, SemanticPeople, SemanticVehicles
@@ -57,28 +44,12 @@ from branchdrive.raw.semantic.ground import SemanticGround
 from branchdrive.raw.semantic.signs import SemanticSigns
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import map_digests
-from branchdrive.tables.frame import Frame
 from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from branchdrive.raw.examination import Examination
-
-__all__ = [
-    "REPLAYS",
-    "REPLAY_FRAMES",
-    "ROUTES",
-    "ShardResult",
-    "ShardTask",
-    "audit_shard",
-    "raw_rows_of",
-    "spooled_name",
-]
-
-REPLAYS = "replays"
-REPLAY_FRAMES = "replay_frames"
-ROUTES = "routes"
+__all__ = ["ShardResult", "ShardTask", "audit_shard", "spooled_name"]
 
 
 @dataclass(frozen=True)
@@ -259,7 +230,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
     result.group_ids = [group_id for group_id in view.group_ids if group_id]
     if task.is_hashed:
-        result.attempts = attempt_content(view)
+        result.groups = group_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
     tallies, examination = examine(
         view,
@@ -278,8 +249,8 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.judged |= broken_relations(view, whole)
     result.in_contact = num_in_contact(view, whole)
     result.num_missing_attempts = num_missing_attempts(view)
-    interventions = executed(view, examination.selection, examination.broken)
-    result.responses, result.tracks = responses_of(view, interventions), tracks(view)
+    interventions, result.responses = responses(view, examination.selection, examination.broken)
+    result.tracks = tracks(view)
     result.sights = sights(view, interventions, result.responses)
     result.outlines = outlines(view, interventions)
     result.calibration = {
@@ -291,6 +262,8 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.scenario_types = frozenset(view.rollouts.categories("scenario_type")[1])
     if task.spool is None:
         return
+    from branchdrive.engine.raw_rows import raw_rows_of  # what derived layers take, a raw dataset does without
+
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
     broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.split_groups)
     if broken:
@@ -301,49 +274,3 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
         for name, frame in raw_rows_of(view, examination).items():
             task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
             result.frames += (name,)
-
-
-def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
-    """What the shard says, given which of its attempts and groups hold which rules.
-
-    Args:
-        view: The shard, without a structure failure.
-        examination: What the rules found on it.
-
-    Returns:
-        Frames by name. Those of the model layer hold every integrity-complete group, and so do three that are no
-        tables: `ROUTES` with the resampled route of each group (`points`, ``[groups, 32, 2]``, metres in the frame
-        of the town), `REPLAY_FRAMES` with what `quality.replay_frames` says of each pair, and `REPLAYS` with what a
-        leakage audit may see of it.
-    """
-    selection = examination.selection
-    complete = examination.complete_groups
-    nominals = selection.nominal[complete]
-    candidates = selection.chosen[complete]  # [groups, policies], all there
-    bank = view.descriptor.action_bank
-    interventions, replays = canonical_pairs(view, examination)
-    pairs = Pairs(*(np.concatenate(sides) for sides in zip(interventions, replays, strict=True)))
-    paired = pair_columns(view, pairs)
-    executed = candidates.ravel()
-    route_x, route_y = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
-    points = [resample_polyline(route_x[i], route_y[i]) for i in nominals]
-    group_ids = np.array(view.group_ids, object)[complete]
-    return {
-        "records": records(view, examination),
-        "attempts": attempts(view, examination),
-        "attempt_quality": attempt_quality(view, examination),
-        "group_quality": group_quality(view, examination),
-        "pairs": paired,
-        **inputs_of(view, nominals),
-        "candidates": candidate_columns(view, executed, np.repeat(nominals, len(bank.policies))),
-        "scalars": scalar_columns(view, executed),
-        "trajectories": trajectory_columns(view, executed),
-        "media_index": media_columns(view, nominals),
-        ROUTES: {
-            "group_id": group_ids,
-            "town": view.rollouts["town"][nominals],
-            "points": np.array(points).reshape(len(points), CLUSTER_POINTS, 2),
-        },
-        REPLAY_FRAMES: frame_columns(view, pairs),
-        REPLAYS: replay_facts(view, complete, candidates, replays.replay, pairs, paired),
-    }

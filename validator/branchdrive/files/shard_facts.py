@@ -38,8 +38,8 @@ class ShardFacts:
             how many break them and how many were compared, whatever contacts they have.
         num_missing_attempts: How many attempts lack, by the numbers of the others.
         in_contact: How many attempts have a contact, of how many with evidence.
-        attempts: Digest of the content of each attempt by its identity; ``None`` where they were not computed, or rows
-            have no place in them.
+        groups: Digest of the content of each branch group by its identity; ``None`` where they were not computed, or
+            rows have no place in them.
         responses: What its interventions do, where its rows could be judged.
         sights: What the images of each camera show of that, by its name.
         outlines: What each group is like, by its identity, whatever its names, its place and its direction.
@@ -73,7 +73,7 @@ class ShardFacts:
     judged: dict[str, tuple[int, int]] = field(default_factory=dict)
     num_missing_attempts: int = 0
     in_contact: tuple[int, int] = (0, 0)
-    attempts: dict[str, str] | None = None
+    groups: dict[str, str] | None = None
     responses: Responses = field(default_factory=Responses.none)
     sights: dict[str, Sights] = field(default_factory=dict)
     outlines: dict[str, NDArray[np.float64]] = field(default_factory=dict)

@@ -46,7 +46,7 @@ def decode_table(content: bytes | memoryview, name: str | None = None, limits: L
         limits: Limits on rows, columns and decoded bytes; those of the spec by default.
 
     Returns:
-        The table with columns of text and of bytes as dictionary arrays, one dictionary per column.
+        The table, each column in one piece, those of text and of bytes as dictionary arrays.
 
     Raises:
         LimitError: The table exceeds a limit.
@@ -90,7 +90,18 @@ def _decode(content: bytes | memoryview, label: str, limits: Limits) -> pa.Table
     if num_rows != num_rows_promised:
         raise DecodeError(f"{label} promises {num_rows_promised} rows in its footer and holds {num_rows}")
     schema = batches[0].schema if batches else file.schema_arrow
-    return _with_metadata(pa.Table.from_batches(batches, schema=schema).unify_dictionaries(), stored)
+    pieces = [[batch.column(place) for batch in batches] for place in range(len(schema))]
+    batches.clear()
+    columns = [_joined(pieces, field.type) for field in schema]
+    return _with_metadata(pa.Table.from_arrays(columns, schema=schema), stored)
+
+
+def _joined(pieces: list[list[pa.Array]], kind: pa.DataType) -> pa.ChunkedArray:
+    """The first column in one piece and with one dictionary; what it is joined from is taken away, to be freed."""
+    import pyarrow as pa
+
+    column = pa.chunked_array(pieces.pop(0), kind).unify_dictionaries()
+    return column if column.num_chunks <= 1 else pa.chunked_array([column.combine_chunks()])
 
 
 def _batches(file: pq.ParquetFile, batch_rows: int, label: str, limits: Limits) -> Iterator[pa.RecordBatch]:

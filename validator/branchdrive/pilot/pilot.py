@@ -16,9 +16,9 @@ import numpy as np
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.driving.response import Responses
 from branchdrive.engine.examine import examine
+from branchdrive.engine.raw_rows import raw_rows_of
 from branchdrive.engine.reading import Progress
 from branchdrive.engine.report import Report
-from branchdrive.engine.shard import raw_rows_of
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
@@ -99,7 +99,7 @@ class Pilot:
     def responses(self) -> Responses:
         """What the interventions of all shards did."""
         return Responses.of_all(
-            responses(part.view, part.examination.selection, part.examination.broken) for part in self.parts
+            responses(part.view, part.examination.selection, part.examination.broken)[1] for part in self.parts
         )
 
 

@@ -1,58 +1,89 @@
-"""Content of a raw shard: one digest for each attempt, over its rows in all tables but the media index and the map.
+"""Content of a raw shard: a digest for each branch group, over its rows in all tables but the media index and the map.
 
 Source: spec/03-layout.md#content.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Sequence
 
-from branchdrive.contract.columns import TABLES
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.columns import TABLES, declared_table
 from branchdrive.contract.identity import layer_content
-from branchdrive.files.shard_facts import ShardFacts
+from branchdrive.files.shard_facts import ShardFacts, repeated_rollouts, split_groups
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.tables.content import attempt_digests, rows_digests, stream_digests
+from branchdrive.tables.content import block_digests, sortable
 
-__all__ = ["attempt_content", "raw_content", "table_content"]
+__all__ = ["group_content", "is_identified", "raw_content", "table_content"]
 
 _MEDIA_INDEX = "frames"
 
-
-def table_content(view: ShardView) -> dict[str, list[bytes]]:
-    """Digest of the rows of every attempt, in the order of the rollouts table, by table."""
-    streams = [name for name in _streams(view) if name != _MEDIA_INDEX]
-    return {"rollouts": rows_digests(view.rollouts), **{name: stream_digests(view.stream(name)) for name in streams}}
+Index = NDArray[np.int64]
 
 
-def _streams(view: ShardView) -> list[str]:
-    """Tables whose rows belong to attempts, without that of the attempts themselves."""
-    return [name for name in view.table_names[1:] if TABLES[name].is_of_rollouts]
-
-
-def attempt_content(view: ShardView) -> dict[str, str] | None:
-    """Digest of every attempt by identity; ``None`` where identities repeat or lack, or a row belongs to no attempt."""
+def is_identified(view: ShardView) -> bool:
+    """Whether every attempt has an identity of its own and a group, and every row an attempt."""
     ids = view.rollout_ids
-    if not all(ids) or len(set(ids)) < len(ids):
-        return None
-    if any((view.stream(name).rollout < 0).any() for name in _streams(view)):
-        return None
-    return dict(zip(ids, attempt_digests([*table_content(view).values()]), strict=True))
+    if not all(ids) or len(set(ids)) < len(ids) or not all(view.group_ids):
+        return False
+    return not any((view.stream(name).rollout < 0).any() for name in _tables(view)[1:])
 
 
-def raw_content(shards: Iterable[ShardFacts]) -> str | None:
+def group_content(view: ShardView) -> dict[str, str] | None:
+    """Digest of every branch group by its identity; ``None`` where something is not `is_identified`."""
+    if not is_identified(view):
+        return None
+    by_table = table_content(view, view.group).values()
+    digests = (hashlib.sha256(b"".join(parts)).hexdigest() for parts in zip(*by_table, strict=True))
+    return dict(zip(view.group_ids, digests, strict=True))
+
+
+def table_content(view: ShardView, block: Index) -> dict[str, list[bytes]]:
+    """Digests of the rows of blocks of attempts, by table in declared order.
+
+    Args:
+        view: The shard, in which everything `is_identified`.
+        block: Block of each attempt, counted from 0 without a gap ``[rollouts]``.
+    """
+    own = np.arange(view.num_rollouts)
+    rank = np.empty_like(own)
+    rank[np.lexsort((sortable(view.rollouts, "rollout_id"), block))] = own
+    found = {"rollouts": block_digests(view.rollouts, [rank], _ends(np.bincount(block)))}
+    for name in _tables(view)[1:]:
+        stream = view.stream(name)
+        num_rows = np.bincount(block, stream.stop - stream.start).astype(np.int64)
+        further = [stream[column] for column in declared_table(name).key[2:]]
+        found[name] = block_digests(stream, [rank[stream.rollout], stream.tick, *further], _ends(num_rows))
+    return found
+
+
+def _ends(num_rows: Index) -> Index:
+    """Where blocks of so many rows begin and end ``[blocks + 1]``."""
+    return np.concatenate(([0], np.cumsum(num_rows)))
+
+
+def _tables(view: ShardView) -> list[str]:
+    """Tables whose rows belong to attempts, rollouts first, without the media index."""
+    return [name for name in view.table_names if TABLES[name].is_of_rollouts and name != _MEDIA_INDEX]
+
+
+def raw_content(shards: Sequence[ShardFacts]) -> str | None:
     """Digest of the content of the raw layer.
 
-    ``None`` where that of a shard is not known, attempts repeat, or a town has different maps.
+    ``None`` where that of a shard is not known, attempts repeat, a group lies in several shards, or a town has
+    different maps.
     """
-    attempts: dict[str, str] = {}
-    maps: dict[str, str] = {}
-    num_attempts = 0
+    if repeated_rollouts(shards) or split_groups(shards):
+        return None
+    parts: dict[str, str] = {}
     for shard in shards:
-        if shard.attempts is None:
+        if shard.groups is None:
             return None
-        attempts |= shard.attempts
-        num_attempts += len(shard.attempts)
+        parts |= {f"group {group_id}": digest for group_id, digest in shard.groups.items()}
         for town, digest in shard.maps.items():
-            if maps.setdefault(f"map {town}", digest) != digest:
+            if parts.setdefault(f"map {town}", digest) != digest:
                 return None
-    return layer_content(attempts | maps) if len(attempts) == num_attempts else None
+    return layer_content(parts)

@@ -17,6 +17,8 @@ from branchdrive.contract.mismatch import Mask, PreconditionError
 from branchdrive.driving.box import Boxes
 from branchdrive.driving.surface import Areas, Strips, TooLargeError
 from branchdrive.driving.wall import Walls
+from branchdrive.raw.copies import Copies
+from branchdrive.raw.known_map import once_per_map
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
@@ -169,9 +171,11 @@ def ground(view: ShardView) -> Ground:
     """
     observations = view.observations
     x, y = observations["x_m"], observations["y_m"]
-    rows = np.flatnonzero((observations.rollout >= 0) & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
+    copied = view.cached(Copies).at_moments("observations")
+    is_judged = (observations.rollout >= 0) & copied.judged(len(observations))
+    rows = np.flatnonzero(is_judged & (np.abs(x) <= _LARGEST_M) & (np.abs(y) <= _LARGEST_M))
     found = Ground(*(np.zeros(len(observations), bool) for _ in fields(Ground)))
-    recorded, off_road = _recorded(view)
+    recorded, off_road = view.cached(_recorded)
     named = rows[recorded[rows] >= 0]
     _look(view, named, found, recorded)
     settled = found.fits_lane & found.fits_limit & ~off_road
@@ -182,6 +186,7 @@ def ground(view: ShardView) -> Ground:
     for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], slack_m=EDGE_SLACK_M):
         found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
         found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
+    copied.fill(*(getattr(found, field.name) for field in fields(Ground)))
     return found
 
 
@@ -189,7 +194,7 @@ def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = No
     """Note what strips say of observations, or only the lanes that are `wanted` of each."""
     elements, observations = view.map, view.observations
     strips, filed = view.cached(_filed)
-    recorded, _ = _recorded(view) if wanted is None else (wanted, None)
+    recorded, _ = view.cached(_recorded) if wanted is None else (wanted, None)
     limit, knows_limit = observations["speed_limit_mps"], observations.valid("speed_limit_mps")
     lane = _lane_codes(view)[strips]
     lane_limit = np.where(elements.valid("speed_limit_mps"), elements["speed_limit_mps"], np.nan)[strips]
@@ -225,6 +230,10 @@ def home_towns(view: ShardView) -> Index:
 
 def _filed(view: ShardView) -> tuple[Index, Strips]:
     """Elements that are strips of the towns of the rollouts, and their segments."""
+    return once_per_map(view, _file, *view.rollouts.categories("town")[1])
+
+
+def _file(view: ShardView) -> tuple[Index, Strips]:
     elements, homes = view.map, home_towns(view)
     chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
     strips = np.flatnonzero(chosen)
@@ -237,6 +246,10 @@ def _filed(view: ShardView) -> tuple[Index, Strips]:
 
 def _outlined(view: ShardView) -> Areas:
     """Road areas of the towns of the rollouts."""
+    return once_per_map(view, _outline, *view.rollouts.categories("town")[1])
+
+
+def _outline(view: ShardView) -> Areas:
     elements, homes = view.map, home_towns(view)
     paved = np.flatnonzero(is_usable(view) & elements.equals("kind", "road_area") & (homes >= 0))
     x, y = (elements[name][paved] for name in ("x_m", "y_m"))
@@ -375,8 +388,10 @@ def lanes_under(view: ShardView, row: int) -> list[int]:
 
 def map_digests(view: ShardView) -> dict[str, str]:
     """Digest of the map of each town, whatever the order of its elements; none where the shard has no maps."""
-    if "map" not in view:
-        return {}
+    return once_per_map(view, _digests_of_towns) if "map" in view else {}
+
+
+def _digests_of_towns(view: ShardView) -> dict[str, str]:
     elements = view.map
     towns = [town for town in elements.categories("town")[1] if town]
     return {town: table_digest("map", elements.arrow.filter(elements.equals("town", town))) for town in towns}

@@ -17,15 +17,19 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from multiprocessing.context import SpawnContext
 from typing import Protocol, TypeVar
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import failure_text
 from branchdrive.errors import PlatformError
 from branchdrive.runtime.environment import import_fault, leave_out_pandas
-from branchdrive.runtime.process import exit_after, spawn_context
+from branchdrive.runtime.process import array_context, exit_after
 
 __all__ = ["Died", "Executor", "Failed", "in_process", "isolated", "memory_limit"]
+
+_LOADED = (__name__, "pyarrow.parquet")
+"""What workers need whatever they do with a dataset."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -143,10 +147,14 @@ def _quiet_start() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _pool(jobs: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(
-        jobs, spawn_context(for_arrays=True), _prepare_process, (spec_limits().max_worker_bytes,)
-    )
+def _loaded(module: str) -> tuple[str, ...]:
+    """What workers that run a function of `module` need; modules that are not ours are left to them."""
+    is_ours = module.partition(".")[0] == __name__.partition(".")[0]
+    return (*_LOADED, module) if is_ours else _LOADED
+
+
+def _pool(jobs: int, context: SpawnContext) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(jobs, context, _prepare_process, (spec_limits().max_worker_bytes,))
 
 
 def _import(module: str) -> None:
@@ -157,9 +165,9 @@ def _import(module: str) -> None:
         raise import_fault(error, "a worker process") from error
 
 
-def _alone(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
+def _alone(function: Callable[[Task], Result], task: Task, context: SpawnContext) -> Result | Died | Failed:
     """Run one task in a process of its own, so that only its own death is seen."""
-    with _pool(1) as pool:
+    with _pool(1, context) as pool:
         try:
             with _quiet_start():
                 first = pool.submit(_import, function.__module__)
@@ -192,6 +200,41 @@ def _allowed_bytes() -> float:
     return min((float(limit) for limit in limits if limit != resource.RLIM_INFINITY), default=math.inf)
 
 
+def _in_pools(
+    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int, context: SpawnContext
+) -> Iterator[tuple[int, Result | Died | Failed]]:
+    waiting = list(range(len(tasks)))[::-1]
+    while waiting:
+        suspects: list[int] = []
+        pool = _pool(min(jobs, len(waiting)), context)
+        is_broken = False
+        running: dict[Future[Result | Died | Failed], int] = {}
+        try:
+            while (waiting and not is_broken) or running:
+                while waiting and not is_broken and len(running) < jobs:
+                    try:
+                        with _quiet_start():
+                            future = pool.submit(_attempt, function, tasks[waiting[-1]])
+                    except BrokenProcessPool:  # another task's process died a moment ago
+                        is_broken = True
+                    else:
+                        running[future] = waiting.pop()
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    index = running.pop(future)
+                    if isinstance(future.exception(), BrokenProcessPool):
+                        is_broken = True
+                        suspects.append(index)
+                    elif isinstance(result := future.result(), Died):
+                        suspects.append(index)
+                    else:
+                        yield index, result
+        finally:
+            pool.shutdown(wait=not is_broken, cancel_futures=True)
+        for index in suspects:
+            yield index, _alone(function, tasks[index], context)
+
+
 def isolated(jobs: int) -> Executor:
     """Executor over `jobs` processes with the spec's memory limit.
 
@@ -202,35 +245,8 @@ def isolated(jobs: int) -> Executor:
     def run(
         function: Callable[[Task], Result], tasks: Sequence[Task], /
     ) -> Iterator[tuple[int, Result | Died | Failed]]:
-        waiting = list(range(len(tasks)))[::-1]
-        while waiting:
-            suspects: list[int] = []
-            pool = _pool(min(jobs, len(waiting)))
-            is_broken = False
-            running: dict[Future[Result | Died | Failed], int] = {}
-            try:
-                while (waiting and not is_broken) or running:
-                    while waiting and not is_broken and len(running) < jobs:
-                        try:
-                            with _quiet_start():
-                                future = pool.submit(_attempt, function, tasks[waiting[-1]])
-                        except BrokenProcessPool:  # another task's process died a moment ago
-                            is_broken = True
-                        else:
-                            running[future] = waiting.pop()
-                    done, _ = wait(running, return_when=FIRST_COMPLETED)
-                    for future in done:
-                        index = running.pop(future)
-                        if isinstance(future.exception(), BrokenProcessPool):
-                            is_broken = True
-                            suspects.append(index)
-                        elif isinstance(result := future.result(), Died):
-                            suspects.append(index)
-                        else:
-                            yield index, result
-            finally:
-                pool.shutdown(wait=not is_broken, cancel_futures=True)
-            for index in suspects:
-                yield index, _alone(function, tasks[index])
+        if tasks:
+            with array_context(*_loaded(function.__module__)) as context:
+                yield from _in_pools(function, tasks, jobs, context)
 
     return run

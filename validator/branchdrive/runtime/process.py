@@ -5,6 +5,8 @@ first on the path of such a process: a ``re.py`` in a dataset would run before a
 with ``PYTHONSAFEPATH`` (or ``-P``) and without relative entries of ``PYTHONPATH``. This process has that environment
 for the moment of a start only; children keep it for processes of their own.
 
+Processes that compute with arrays are forked, where that is safe, by a server that has imported what they need.
+
 Source: spec/09-security.md#serialisation.
 """
 
@@ -13,17 +15,21 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
+from functools import partial
+from multiprocessing import process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from branchdrive.errors import PlatformError
+from branchdrive.runtime.fork_server import ForkedPopen, ForkServer, NoServerError
 
 __all__ = [
-    "ARRAY_WORK", "ONE_THREAD", "bare_command", "child_environment", "exit_after", "python_command", "spawn_context",
+    "ARRAY_WORK", "ONE_THREAD", "array_context", "bare_command", "child_environment", "exit_after", "python_command",
+    "spawn_context",
 ]  # fmt: skip
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
@@ -50,6 +56,7 @@ ARRAY_WORK: Mapping[str, str] = MappingProxyType(
     {
         **ONE_THREAD,
         "ARROW_DEFAULT_MEMORY_POOL": "system",
+        "JE_ARROW_MALLOC_CONF": "background_thread:false",  # of Arrow's own pool, which then goes unused
         "MALLOC_MMAP_THRESHOLD_": str(32 << 20),  # the largest that every glibc takes
         "MALLOC_TRIM_THRESHOLD_": str(1 << 30),
     }
@@ -59,6 +66,9 @@ ARRAY_WORK: Mapping[str, str] = MappingProxyType(
 Arrays of a few MB come and go by the thousand. Where the system gives new pages for each of them, these can cost as
 much as the arithmetic; so what numpy frees is kept for Arrow, and the other way round.
 """
+
+_MAY_FORK = sys.platform == "linux"
+"""Whether a process may fork that has loaded libraries; elsewhere those of the system start threads, or may not."""
 
 _starting = threading.RLock()
 
@@ -75,26 +85,63 @@ def bare_command(script: str, *arguments: str) -> list[str]:
 
 def child_environment() -> dict[str, str]:
     """Environment of a child that `python_command` starts: it finds what this process finds, by absolute paths."""
+    return _environment(sys.path)
+
+
+def _environment(path: Iterable[str]) -> dict[str, str]:
     with _starting:  # another thread may have the environment of a start
-        return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, sys.path))}
+        return {**os.environ, _SAFE: "1", _PATH: os.pathsep.join(filter(os.path.isabs, path))}
 
 
-def spawn_context(*, for_arrays: bool = False) -> SpawnContext:
+def spawn_context() -> SpawnContext:
     """Context of `multiprocessing` for processes, pools, queues and events.
-
-    Args:
-        for_arrays: Whether its processes compute with arrays; see `ARRAY_WORK`.
 
     Raises:
         PlatformError: The interpreter was started so that its children ignore the environment.
     """
+    _prepare_to_start()
+    return _Context()
+
+
+@contextmanager
+def array_context(*modules: str) -> Iterator[SpawnContext]:
+    """Context for processes that compute with arrays; see `ARRAY_WORK`.
+
+    Where that is safe, they are forked by a server, which lives as long as the context manager.
+
+    Args:
+        modules: What they need, which the server imports before.
+
+    Raises:
+        PlatformError: The interpreter was started so that its children ignore the environment.
+    """
+    _prepare_to_start()
+    if not _MAY_FORK:
+        yield _ArrayContext()
+        return
+    server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
+    try:
+        server.wait()
+        yield _ForkContext(server)
+    finally:
+        server.close()
+
+
+def _prepare_to_start() -> None:
     if sys.flags.ignore_environment and not sys.flags.safe_path:
         raise PlatformError(
             "worker processes of `python -E` would import from the current folder; start Python with -P or -I as well"
         )
     with _safe_start():
         resource_tracker.ensure_running()
-    return _ArrayContext() if for_arrays else _Context()
+
+
+def _server_path() -> Iterator[str]:
+    """Where a server finds modules: as this process, but for the folder of the main module and the one it began in."""
+    main = getattr(sys.modules["__main__"], "__file__", None)
+    began = process.ORIGINAL_DIR  # type: ignore[attr-defined]
+    own = {began, *([] if main is None else [str(Path(main).absolute().parent)])}
+    return (place for place in sys.path if place not in own)
 
 
 def exit_after(wait: Callable[[], object]) -> None:
@@ -126,12 +173,33 @@ class _ArrayProcess(_Process):
     variables = ARRAY_WORK
 
 
+class _ForkedProcess(_ArrayProcess):
+    """A process that a server forks, or that starts by itself where there is none."""
+
+    def __init__(self, server: ForkServer, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._server = server
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802  (the name is multiprocessing's)
+        server = vars(process_obj).pop("_server")  # which does not travel to the process
+        try:
+            return ForkedPopen(process_obj, server)
+        except NoServerError:
+            return _ArrayProcess._Popen(process_obj)
+
+
 class _Context(SpawnContext):
     Process = _Process
 
 
 class _ArrayContext(SpawnContext):
     Process = _ArrayProcess
+
+
+class _ForkContext(SpawnContext):
+    def __init__(self, server: ForkServer) -> None:
+        self.Process = partial(_ForkedProcess, server)  # type: ignore[assignment,misc]
 
 
 @contextmanager

@@ -18,7 +18,8 @@ project's choice (Field and Welsh 2007).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +36,66 @@ NUM_RESAMPLES = 2000
 STREAM = "metric/bootstrap"
 CLUSTER_STREAM = "metric/bootstrap/clusters"
 
+_MAX_CELLS = 1 << 22
+"""Counts that are held as float64 at once: 32 MiB."""
 
-class Design(NamedTuple):
-    """Counts ``[1 + B + N + B, N]``: the estimate, `num_resamples` resamples, the jackknife, resamples of clusters."""
 
-    counts: Array
-    num_resamples: int
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Counts as a matrix ``[1 + B + N + B, N]``: the estimate, resamples, the jackknife, and resamples of clusters.
+
+    It is sliced by rows and multiplied with values, so that the ``N`` times ``N`` counts of the jackknife are never
+    all there at once.
+
+    Attributes:
+        by_group: Counts of groups in the resamples ``[B, N]``, whole numbers.
+        by_cluster: Counts of clusters in theirs ``[B, C]``, whole numbers.
+        clusters: Clusters of the groups.
+    """
+
+    by_group: NDArray[np.integer]
+    by_cluster: NDArray[np.integer]
     clusters: Clusters
+
+    @property
+    def num_resamples(self) -> int:
+        """``B``."""
+        return len(self.by_group)
+
+    @property
+    def num_groups(self) -> int:
+        """``N``."""
+        return len(self.clusters.of_group)
+
+    @cached_property
+    def largest(self) -> float:
+        """The largest count."""
+        return float(max(1, self.by_group.max(), self.by_cluster.max()))
+
+    @property
+    def _ends(self) -> tuple[int, int, int]:
+        jackknife = 1 + self.num_resamples
+        return 1, jackknife, jackknife + self.num_groups
+
+    def __len__(self) -> int:
+        return 1 + self.num_resamples + self.num_groups + self.num_resamples
+
+    def __getitem__(self, rows: slice) -> Array:
+        """Counts ``[rows, N]``."""
+        chosen = np.arange(len(self))[rows]
+        _, of_group, of_jackknife, of_cluster = np.split(chosen, np.searchsorted(chosen, self._ends))
+        counts = np.ones((len(chosen), self.num_groups))
+        first, second, third = self._ends
+        counts[np.isin(chosen, of_group)] = self.by_group[of_group - first]
+        counts[np.flatnonzero(np.isin(chosen, of_jackknife)), of_jackknife - second] = 0.0
+        counts[np.isin(chosen, of_cluster)] = self.by_cluster[of_cluster - third][:, self.clusters.of_group]
+        return counts
+
+    def __matmul__(self, values: Array) -> Array:
+        """Sums ``[1 + B + N + B, K]`` of values ``[N, K]``; those of the jackknife are ``sum_h v_h - v_g``."""
+        total = values.sum(axis=0, keepdims=True)
+        by_cluster = _product(self.by_cluster, self.clusters.sums(values))
+        return np.concatenate([total, _product(self.by_group, values), total - values, by_cluster])
 
     def split(self, values: Array) -> tuple[Array, Array, Array, Array]:
         """Values ``[1 + B + N + B, ..]`` of a metric by part of the counts.
@@ -49,9 +103,15 @@ class Design(NamedTuple):
         Returns:
             Estimate ``[..]``, resamples ``[B, ..]``, jackknife ``[N, ..]``, resamples of clusters ``[B, ..]``.
         """
-        ends = np.cumsum([1, self.num_resamples, self.counts.shape[1]])
-        estimate, resamples, jackknife, by_cluster = np.split(values, ends)
+        estimate, resamples, jackknife, by_cluster = np.split(values, self._ends)
         return estimate[0], resamples, jackknife, by_cluster
+
+
+def _product(counts: NDArray[np.integer], values: Array) -> Array:
+    """``counts @ values`` in float64, a part of the rows at a time."""
+    at_once = max(1, _MAX_CELLS // max(1, counts.shape[1]))
+    parts = [counts[start : start + at_once].astype(np.float64) @ values for start in range(0, len(counts), at_once)]
+    return np.concatenate(parts)
 
 
 def design(clusters: Sequence[str], *, seed: int, num_resamples: int = NUM_RESAMPLES) -> Design:
@@ -60,11 +120,14 @@ def design(clusters: Sequence[str], *, seed: int, num_resamples: int = NUM_RESAM
     Raises:
         ValueError: There is no group, or the seed does not fit.
     """
-    num_groups, found = len(clusters), Clusters.of(clusters)
-    by_group = resampled_counts(num_groups, seed=seed, stream=STREAM, num_resamples=num_resamples)
+    found = Clusters.of(clusters)
+    by_group = resampled_counts(len(clusters), seed=seed, stream=STREAM, num_resamples=num_resamples)
     by_cluster = resampled_counts(len(found.names), seed=seed, stream=CLUSTER_STREAM, num_resamples=num_resamples)
-    rows = [np.ones((1, num_groups)), by_group, 1.0 - np.eye(num_groups), by_cluster[:, found.of_group]]
-    return Design(np.concatenate(rows), num_resamples, found)
+    return Design(_compact(by_group), _compact(by_cluster), found)
+
+
+def _compact(counts: Array) -> NDArray[np.integer]:
+    return counts.astype(np.min_scalar_type(int(counts.max(initial=0))))
 
 
 def resampled_counts(num_units: int, *, seed: int, stream: str, num_resamples: int = NUM_RESAMPLES) -> Array:
@@ -81,13 +144,13 @@ def resampled_counts(num_units: int, *, seed: int, stream: str, num_resamples: i
     return counts.reshape(num_resamples, num_units).astype(np.float64)
 
 
-def ratio_of_sums(counts: Array, numerators: Array, denominators: Array) -> Array:
+def ratio_of_sums(counts: Array | Design, numerators: Array, denominators: Array) -> Array:
     """``sum_g c_g a_g / sum_g c_g b_g`` for counts ``[R, N]`` and two ``[N, K]``: ``[R, K]``."""
     above, under = np.split(sums(counts, np.concatenate([numerators, denominators], axis=1)), 2, axis=1)
     return np.asarray(np.divide(above, under, out=np.full(above.shape, np.nan), where=under > 0))
 
 
-def counted_mean(counts: Array, values: Array) -> Array:
+def counted_mean(counts: Array | Design, values: Array) -> Array:
     """Mean over the groups that have a value: counts ``[R, N]``, values ``[N, K]`` with NaN for none: ``[R, K]``."""
     there = ~np.isnan(values)
     return ratio_of_sums(counts, np.where(there, values, 0.0), there.astype(np.float64))

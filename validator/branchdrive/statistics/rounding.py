@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["RELATIVE_TIE", "TIE", "number", "numbers", "slack", "sums"]
+__all__ = ["RELATIVE_TIE", "TIE", "Counts", "number", "numbers", "slack", "sums"]
 
 Array = NDArray[np.float64]
 
@@ -36,9 +37,23 @@ def slack(magnitude: ArrayLike) -> Array:
     return np.asarray(TIE + RELATIVE_TIE * np.abs(np.asarray(magnitude, np.float64)))
 
 
-def sums(counts: Array, values: Array) -> Array:
+class Counts(Protocol):
+    """A matrix of whole numbers ``[R, N]`` that is known by its products with values ``[N, K]``.
+
+    Where the values are multiples of a power of two of which all partial sums are exact, so are the products.
+    """
+
+    @property
+    def largest(self) -> float:
+        """Magnitude of the largest number, at least 1."""
+
+    def __matmul__(self, values: Array) -> Array: ...
+
+
+def sums(counts: Array | Counts, values: Array) -> Array:
     """``sum_g c_g v_g`` for whole numbers ``[R, N]`` and values ``[N, K]`` up to 1e290: ``[R, K]``, rounded once."""
-    num_columns, terms = values.shape[1], float(np.abs(counts).max(initial=1.0)) * len(values)
+    largest = float(np.abs(counts).max(initial=1.0)) if isinstance(counts, np.ndarray) else counts.largest
+    num_columns, terms = values.shape[1], largest * len(values)
     high = _multiples(values, terms)
     both = counts @ np.concatenate([high, _multiples(values - high, terms)], axis=1)
     return np.asarray(both[:, :num_columns] + both[:, num_columns:])

@@ -21,6 +21,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.statistics.bootstrap import Design
+
 __all__ = ["bank_spearman", "pooled_spearman"]
 
 Array = NDArray[np.float64]
@@ -43,7 +45,7 @@ def _bank_ranks(values: Array, available: Mask) -> Array:
     return np.asarray((np.sign(values[:, :, None] - values[:, None, :]) * pairs).sum(axis=2))
 
 
-def pooled_spearman(truth: Array, predicted: Array, available: Mask, counts: Array) -> Array:
+def pooled_spearman(truth: Array, predicted: Array, available: Mask, counts: Array | Design) -> Array:
     """Correlation over the available candidates of all groups, each group as often as it counts.
 
     Args:

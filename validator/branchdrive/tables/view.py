@@ -26,6 +26,9 @@ T = TypeVar("T")
 
 _TICK_SPAN = 1 << 32
 
+_CACHED_ROWS = 1 << 15
+"""Rows of a column that stay in a processor's cache between two passes."""
+
 
 class Tables(Protocol):
     """Tables under their names: a shard, or the derived layers of a dataset."""
@@ -39,12 +42,11 @@ class Tables(Protocol):
 
 
 class TableView:
-    """Typed numpy columns of one table; nulls are filled and told apart by `valid`."""
+    """Typed numpy columns of one table, each in one piece; nulls are filled and told apart by `valid`."""
 
     def __init__(self, name: str, table: pa.Table, order: Index | None = None) -> None:
         self.name = name
-        self._table = table.take(order) if order is not None else table
-        self._arrays: dict[str, pa.Array] = {}
+        self._table = (table.take(order) if order is not None else table).combine_chunks()
         self._values: dict[str, NDArray[Any]] = {}
         self._valid: dict[str, Mask] = {}
         self._categories: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
@@ -60,11 +62,8 @@ class TableView:
         return f"TableView({self.name!r}, rows={len(self)}, columns={self._table.num_columns})"
 
     def _array(self, column: str) -> pa.Array:
-        """The column in one piece; pieces are joined once."""
-        if column not in self._arrays:
-            chunked = self._table[column]
-            self._arrays[column] = chunked.chunk(0) if chunked.num_chunks == 1 else chunked.combine_chunks()
-        return self._arrays[column]
+        pieces = self._table[column]
+        return pieces.chunk(0) if pieces.num_chunks == 1 else pieces.combine_chunks()
 
     @property
     def arrow(self) -> pa.Table:
@@ -80,8 +79,12 @@ class TableView:
         if column not in self._valid:
             array = self._array(column)
             full = array.null_count == 0
-            self._valid[column] = np.ones(len(array), bool) if full else array.is_valid().to_numpy(zero_copy_only=False)
+            self._valid[column] = self._all if full else array.is_valid().to_numpy(zero_copy_only=False)
         return self._valid[column]
+
+    @cached_property
+    def _all(self) -> Mask:
+        return np.ones(len(self), bool)
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Values ``[rows]``; null numbers read 0, null flags false, null text ``""``."""
@@ -105,7 +108,7 @@ class TableView:
         return filled(array)
 
     def pieces(self, columns: Sequence[str], num_rows: int) -> Iterator[tuple[int, list[NDArray[Any]]]]:
-        """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row; joins nothing."""
+        """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row."""
         start = 0
         for batch in self._table.select(columns).to_batches(max_chunksize=num_rows):
             yield start, [filled(array) for array in batch.columns]
@@ -119,14 +122,15 @@ class TableView:
         """Smallest and largest present value of a column of numbers, list cells by item.
 
         Both are NaN where any value is, and ``(inf, -inf)`` where there is no value: finite extremes
-        within a range prove that every value is finite and within it. Pieces are not joined for it.
+        within a range prove that every value is finite and within it.
         """
         if column not in self._extremes:
             if declared_table(self.name)[column].type.startswith("list"):
-                pieces = [self.items(column)[0]]
+                values = self.items(column)[0]
             else:
-                pieces = [piece.drop_null().to_numpy() for piece in self._table[column].chunks]
-            bounds = [(values.min(), values.max()) for values in pieces if len(values)] or [(np.inf, -np.inf)]
+                values = self[column][self.valid(column)] if self.num_nulls(column) else self[column]
+            pieces = (values[start : start + _CACHED_ROWS] for start in range(0, len(values), _CACHED_ROWS))
+            bounds = [(piece.min(), piece.max()) for piece in pieces] or [(np.inf, -np.inf)]
             least, most = zip(*bounds, strict=True)
             self._extremes[column] = np.min(least), np.max(most)  # they keep a NaN, as their parts do
         return self._extremes[column]
@@ -160,9 +164,12 @@ class TableView:
         if self.is_text(column):
             codes, _ = self.categories(column)
             return np.asarray(codes[rows] != codes[others])
-        values, valid = self[column], self.valid(column)
-        bits = values.view(np.dtype(f"u{values.itemsize}"))
-        return np.asarray((bits[rows] != bits[others]) | (valid[rows] != valid[others]))
+        bits = self[column].view(np.dtype(f"u{self[column].itemsize}"))
+        differs: Mask = bits.take(rows, mode="clip") != bits.take(others, mode="clip")  # faster than by index
+        if self.num_nulls(column):
+            valid = self.valid(column)
+            differs |= valid[rows] != valid[others]
+        return differs
 
     def equals(self, column: str, category: str) -> Mask:
         """Rows whose text is `word`."""
@@ -188,7 +195,6 @@ class StreamView(TableView):
     Attributes:
         rollout: Index ``[rows]`` into the shard's rollouts.
         tick: Tick ``[rows]``.
-        position: Place of each row in the stored table ``[rows]``.
         start: First row of each rollout ``[rollouts]``.
         stop: Row after the last of each rollout ``[rollouts]``.
     """
@@ -205,13 +211,18 @@ class StreamView(TableView):
             rollout, tick, key = rollout[order], tick[order], key[order]
         super().__init__(name, table, order)
         if order is None:
-            self._arrays, self._values, self._categories = raw._arrays, raw._values, raw._categories
+            self._values, self._categories = raw._values, raw._categories
         self.rollout, self.tick, self._key = rollout, tick, key
-        self.position = np.arange(len(key)) if order is None else order
+        self._order = order
         self.num_rollouts = num_rollouts
         self._rows_of: dict[str, Index] = {}
         self.start = np.searchsorted(rollout, np.arange(num_rollouts), side="left")
         self.stop = np.searchsorted(rollout, np.arange(num_rollouts), side="right")
+
+    @cached_property
+    def position(self) -> Index:
+        """Place of each row in the stored table ``[rows]``."""
+        return np.arange(len(self)) if self._order is None else self._order
 
     def find(self, rollout: Index, tick: Index) -> Index:
         """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
@@ -265,6 +276,9 @@ class StreamView(TableView):
 
     def by_rollout(self, marked: Mask) -> RowSummary:
         """Summary of marked rows by rollout."""
+        if not marked.any():
+            none = np.zeros(self.num_rollouts, np.int64)
+            return RowSummary(none > 0, none - 1, none)
         rows = np.flatnonzero(marked)
         rows = rows[self.rollout[rows] >= 0]
         owner = self.rollout[rows]

@@ -26,8 +26,10 @@ from branchdrive.testing.drive import (
     InventedScene,
     Plan,
     Route,
+    angle_on_grid,
     drive,
     group_name,
+    on_grid,
     plans,
     route_columns,
 )
@@ -37,6 +39,9 @@ __all__ = [
 ]  # fmt: skip
 
 Tables = dict[str, pa.Table]
+
+_EVIDENCE_STEPS = 2**22
+"""Steps in a unit of the grid of evidence, each a quarter of what recomputed evidence may differ by."""
 
 TOUCHES_STILL_TICKS = 20
 """What touches again within a second touches still."""
@@ -59,12 +64,12 @@ def _actor_columns(scene: InventedScene, ticks: Array, moved_m: float) -> dict[s
                 "tick": here,
                 "actor_id": np.full(len(here), actor_id),
                 "actor_class": np.full(len(here), actor.kind),
-                "x_m": x,
-                "y_m": y,
-                "yaw_rad": ((facing + np.pi) % (2 * np.pi) - np.pi).astype(np.float32),
+                "x_m": on_grid(x),
+                "y_m": on_grid(y),
+                "yaw_rad": angle_on_grid(facing).astype(np.float32),
                 **{name: np.full(len(here), size, np.float32) for name, size in sizes.items()},
-                "vel_x_mps": (actor.speed_mps * cos - actor.lateral_mps * sin).astype(np.float32),
-                "vel_y_mps": (actor.speed_mps * sin + actor.lateral_mps * cos).astype(np.float32),
+                "vel_x_mps": on_grid(actor.speed_mps * cos - actor.lateral_mps * sin).astype(np.float32),
+                "vel_y_mps": on_grid(actor.speed_mps * sin + actor.lateral_mps * cos).astype(np.float32),
             }
         )
     if not parts:
@@ -78,11 +83,17 @@ def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array) -> d
     x, y, yaw, speed = (values[ticks, i] for values in (driven.x_m, driven.y_m, driven.yaw_rad, driven.speed_mps))
     past = np.maximum(ticks - 1, 0)
     yaw_step = (yaw - driven.yaw_rad[past, i] + np.pi) % (2 * np.pi) - np.pi
+    gained = speed - driven.speed_mps[past, i]
+    state = {
+        "x_m": x, "y_m": y, "speed_mps": speed,
+        "accel_longitudinal_mps2": gained / TICK_S, "accel_lateral_mps2": speed * yaw_step / TICK_S,
+        "yaw_rate_radps": yaw_step / TICK_S,
+    }  # fmt: skip
+    recorded = {name: on_grid(values) for name, values in state.items()} | {"yaw_rad": angle_on_grid(yaw)}
+    on_route = route_columns(recorded["x_m"], recorded["y_m"], recorded["yaw_rad"], route_polyline(route))
     columns: dict[str, Any] = {
-        "tick": ticks, "x_m": x, "y_m": y, "yaw_rad": yaw, "speed_mps": speed,
-        "accel_longitudinal_mps2": (speed - driven.speed_mps[past, i]) / TICK_S,
-        "accel_lateral_mps2": speed * yaw_step / TICK_S, "yaw_rate_radps": yaw_step / TICK_S,
-        "speed_limit_mps": np.full(len(ticks), 13.5), **route_columns(x, y, yaw, route_polyline(route)),
+        "tick": ticks, **recorded,
+        "speed_limit_mps": np.full(len(ticks), 13.5), **on_route,
         "command": np.where(ticks < TRIGGER_TICK, "follow", "left" if np.isfinite(route.radius_m) else "straight"),
         "target_speed_mps": np.where(ticks < TRIGGER_TICK, 8.0, 4.0),
         "vehicle_hazard": ticks >= TRIGGER_TICK, "pedestrian_hazard": ticks >= TRIGGER_TICK + 30,
@@ -110,14 +121,14 @@ def _control_columns(driven: Drive, i: int, num_ticks: int) -> dict[str, Any]:
 def route_polyline(route: Route) -> tuple[Array, Array]:
     """Vertices of a route, every two metres."""
     x, y, _ = route.point(np.arange(0.0, route.length_m + 1, 2.0))
-    return x, y
+    return on_grid(x), on_grid(y)
 
 
 def evidence_columns(
     observations: Mapping[str, Any], actors: Mapping[str, Any], route: tuple[Array, Array]
 ) -> dict[str, Any]:
     """Evidence of one rollout from its recorded columns, states of the world included."""
-    computed = risk_evidence(
+    exact = risk_evidence(
         observations,
         actors,
         ego_length_m=EGO_BOX_M[0],
@@ -125,6 +136,7 @@ def evidence_columns(
         route_x_m=route[0],
         route_y_m=route[1],
     )
+    computed = {name: _finely(values) if values.dtype.kind == "f" else values for name, values in exact.items()}
     ticks = np.asarray(observations["tick"])
     signal = ticks < 60
     return {
@@ -134,6 +146,11 @@ def evidence_columns(
         "on_road": np.ones(len(ticks), bool),
         "collision": np.ma.filled(computed["separation_m"], np.inf) == 0.0,
     }  # fmt: skip
+
+
+def _finely(values: Array) -> Array:
+    rounded = on_grid(np.ma.getdata(values), _EVIDENCE_STEPS)
+    return np.ma.masked_array(rounded, values.mask) if isinstance(values, np.ma.MaskedArray) else rounded
 
 
 def collision_counts(evidence: Mapping[str, Any], actors: Mapping[str, Any]) -> dict[str, int]:

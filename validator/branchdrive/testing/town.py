@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from branchdrive.contract.columns import table_schema
-from branchdrive.testing.drive import InventedScene
+from branchdrive.testing.drive import InventedScene, on_grid
 from branchdrive.testing.group import Tables, by_key, route_polyline
 
 __all__ = ["with_map"]
@@ -59,7 +59,8 @@ def _elements(town: str, scenes: Mapping[int, InventedScene]) -> list[dict[str, 
             },
             {
                 "element_id": f"ground-{index}", "kind": "road_area",
-                "x_m": start[0] + cos * along - sin * across, "y_m": start[1] + sin * along + cos * across,
+                "x_m": on_grid(start[0] + cos * along - sin * across),
+                "y_m": on_grid(start[1] + sin * along + cos * across),
             },
         ]  # fmt: skip
     far = {"x_m": [5000.0, 5010.0, 5020.0], "y_m": [0.0, 0.0, 1.0]}

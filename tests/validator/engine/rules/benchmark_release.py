@@ -32,6 +32,7 @@ from branchdrive.contract.identity import claimed_files, content_identity, deriv
 from branchdrive.formats.table_file import parts_of
 from branchdrive.quality.ledger import PREDICTION_ACCESS, SELECTION_ACCESS, with_benchmark_access
 from branchdrive.tables.content import table_digest
+from branchdrive.testing.drive import on_grid
 
 FOLDER = "benchmark"
 PROTOCOL, LOCK, RANKING_LOCK, BENCHMARK_LEDGER, RESULTS, LATENCY = (
@@ -242,8 +243,8 @@ def _predictions(protocol: BenchmarkProtocol, data: BenchmarkData) -> Prediction
             rng = np.random.default_rng([place, seed])
             for partition in ("val", "test"):
                 truth = data.part(partition).outcomes.scalars
-                values = truth + rng.normal(scale=2.0 / (1 + place), size=truth.shape)
-                predicted = Predictions.of(values, paths_of(values))
+                values = on_grid(truth + rng.normal(scale=2.0 / (1 + place), size=truth.shape))
+                predicted = Predictions.of(values, on_grid(paths_of(values)))
                 by_model.setdefault(model.id, {}).setdefault(seed, {})[partition] = predicted
     return PredictionSet(by_model)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -23,10 +24,13 @@ import branchdrive
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.rule import CATALOGUE, RULES, Grain, RuleInfo, Scope, rules_of
 from branchdrive.contract.rule import rule as bind
-from branchdrive.engine.rules import RULE_MODULES
+from branchdrive.engine.rules import RULE_MODULES, bind_rules
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError
+from branchdrive.runtime.process import python_command
+
+MODULES = {layer: bind_rules(layer) for layer in RULE_MODULES}
 
 each_rule = each("rule", CATALOGUE.values(), ids=lambda rule: rule.id)
 
@@ -114,7 +118,27 @@ def test_rule_has_a_boundary_on_which_it_passes(rule: RuleInfo) -> None:
 def test_every_module_of_rules_is_imported() -> None:
     package = Path(str(branchdrive.__file__)).parent
     binding = {path for path in package.rglob("*.py") if re.search(r"^@rule\(", path.read_text("utf-8"), re.MULTILINE)}
-    assert binding == {Path(str(module.__file__)) for module in RULE_MODULES}
+    assert binding == {Path(str(module.__file__)) for modules in MODULES.values() for module in modules}
+
+
+@each_rule
+def test_the_module_of_a_rule_is_one_of_its_layer(rule: RuleInfo) -> None:
+    assert RULES[rule.id].__module__ in {module.__name__ for module in MODULES[rule.layer]}
+
+
+LOADED = """
+import sys
+import branchdrive.engine.reading
+print(*sorted(name.split(".")[1] for name in sys.modules if name.startswith("branchdrive.") and ".rules" in name))
+print(*{name.split(".")[1] for name in sys.modules if name.startswith("branchdrive.")})
+"""
+
+
+def test_who_reads_a_raw_layer_loads_no_rules_of_others_and_nothing_of_their_rooms() -> None:
+    done = subprocess.run(python_command("-c", LOADED), capture_output=True, text=True, check=True)
+    rules, rooms = done.stdout.splitlines()
+    assert set(rules.split()) == {"engine", "files", "raw"}
+    assert not {"canonical", "model", "leakage", "card"} & set(rooms.split())
 
 
 def test_every_module_of_cases_is_an_area() -> None:

@@ -70,7 +70,7 @@ def test_groups_stand_where_their_names_say(release: ReleaseDraft) -> None:
 def test_replays_differ_a_little(release: ReleaseDraft) -> None:
     pairs = release.frame("pairs")
     for name in ("position_m", "heading_deg", "speed_mps", "steer", "throttle", "vehicle_gap_m"):
-        assert len(np.unique(np.ma.compressed(pairs[name]))) > 10
+        assert len(np.unique(np.ma.compressed(pairs[name]))) > 5
     assert {True, False} == set(pairs["core_pass"].tolist()) == set(pairs["extended_pass"].tolist())
     judged = [v for v in release.documents[THRESHOLDS]["variables"] if v["judged"]]
     assert len(judged) == 11

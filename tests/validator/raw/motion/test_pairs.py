@@ -60,7 +60,8 @@ def tables(rng: np.random.Generator, num_rollouts: int, share_wrong: float, is_g
                 elif isinstance(value, float):
                     row[name] = value + float(rng.choice(NUDGES))
         parts["rollouts"].append(
-            {"rollout_id": f"r{i}", "ego_length_m": EGO[0], "ego_width_m": EGO[1],
+            {"rollout_id": f"r{i}", "role": "nominal", "nominal_rollout_id": None, "branch_tick": 0,
+             "ego_length_m": EGO[0], "ego_width_m": EGO[1],
              "route_x_m": ROUTE[0].tolist(), "route_y_m": ROUTE[1].tolist()}
         )  # fmt: skip
         parts["observations"].append(observation)

@@ -105,7 +105,7 @@ def _shuffle_records(inputs: ResultInputs, model: str, kind: Kind) -> list[dict[
 
 def _increase(by_group: Array, resampling: Design) -> tuple[Array, Intervals]:
     """Increase of both metrics ``[2]`` and its intervals, of the increases that they are made of ``[N, 7]``."""
-    counted = counted_mean(resampling.counts, by_group)
+    counted = counted_mean(resampling, by_group)
     parts = resampling.split(np.stack([counted[:, :_NUM_TARGETS].mean(axis=1), counted[:, -1]], axis=1))
     there = ~np.isnan(by_group)
     there = np.stack([there[:, :_NUM_TARGETS].any(axis=1), there[:, -1]], axis=1)

@@ -182,7 +182,7 @@ def _ranked(inputs: ResultInputs, name: str, contexts: Contexts | None) -> tuple
 
 def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
     values = np.stack([_spread_out(getattr(entry.measures, name), ranking) for name in MEASURES], axis=1)
-    parts = resampling.split(counted_mean(resampling.counts, values))
+    parts = resampling.split(counted_mean(resampling, values))
     there = ~np.isnan(values)
     ends = intervals(*parts, there.sum(axis=0), resampling.clusters.num_there(there))
     seed_means = [[float(getattr(seed, name).mean()) for seed in entry.seeds] for name in ("value", "regret")]
@@ -263,7 +263,7 @@ def _gate_records(
 def _captured_interval(entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
     """Of the captured share: a ratio of means over groups, resampled on both sides at once."""
     both = [_spread_out(found.measures.difference, ranking) for found in (entry, ranking.entries["oracle"])]
-    gained, gap = np.split(counted_mean(resampling.counts, np.stack(both, axis=1)), 2, axis=1)
+    gained, gap = np.split(counted_mean(resampling, np.stack(both, axis=1)), 2, axis=1)
     found = resampling.split(np.divide(gained, gap, out=np.full_like(gap, np.nan), where=gap > RANGE))
     ranked = ranking.population.ranked[:, None]
     return _record(intervals(*found, ranked.sum(axis=0), resampling.clusters.num_there(ranked)), 0)

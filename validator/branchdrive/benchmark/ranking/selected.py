@@ -98,7 +98,7 @@ def selected_outcomes(
     weights = shares[..., None] * there
     sums = np.zeros((2, len(ranked), len(TARGETS)))
     sums[:, ranked] = (weights * values).sum(axis=1), weights.sum(axis=1)
-    parts = resampling.split(ratio_of_sums(resampling.counts, *sums))
+    parts = resampling.split(ratio_of_sums(resampling, *sums))
     taken = sums[1] > 0
     ends = intervals(*parts, taken.sum(axis=0), resampling.clusters.num_there(taken))
     touches = values[..., SEPARATION] <= contact_m + TIE

@@ -36,9 +36,10 @@ from branchdrive.contract.descriptor import Vehicle
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
+from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.contact import is_free
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
-from branchdrive.raw.motion.tracks import tracks
+from branchdrive.raw.motion.tracks import actor_steps
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "calibration", "calibration_between_contacts"]
@@ -167,9 +168,56 @@ OF_VEHICLE = {
 """What is calibrated of the vehicle that the descriptor declares."""
 
 
+_ANGLES = ("heading", "actor_heading")
+"""Quantities that are the angle of two sums, in degrees; others are their ratio."""
+
+
+class _Terms(NamedTuple):
+    """What is compared for a quantity, by step.
+
+    Attributes:
+        row: Observation that each step leads to ``[terms]``.
+        above: Terms of the upper sum ``[terms]``.
+        below: Terms of the lower sum ``[terms]``.
+    """
+
+    row: Index
+    above: Array
+    below: Array
+
+
+class _Steps(NamedTuple):
+    """Steps between neighbouring observations, of the ego or of actors.
+
+    Attributes:
+        row: Observation that each leads to ``[steps]``.
+        place: The distinct step that each is or repeats, -1 where that says nothing ``[steps]``.
+    """
+
+    row: Index
+    place: Index
+
+    def terms(self, counts: Mask, above: Array, below: Array) -> _Terms:
+        """Terms of the steps that count, from those of distinct steps ``[distinct]``."""
+        counts = np.append(counts & np.isfinite(above) & np.isfinite(below), False)
+        chosen = np.flatnonzero(counts[self.place])
+        place = self.place[chosen]
+        return _Terms(self.row[chosen], above[place], below[place])
+
+    def slope(self, counts: Mask, recorded: Array, known: Array) -> _Terms:
+        """Terms of the slope of recorded values on those that are known ``[distinct]``."""
+        return self.terms(counts, recorded * known, known**2)
+
+
+@np.errstate(all="ignore")  # what overflows is no number, and says nothing
+def _terms(view: ShardView) -> dict[str, _Terms]:
+    """Terms of every quantity, by name."""
+    return _of_ego(view) | (_of_actors(view) if "actors" in view else {})
+
+
 def calibration(view: ShardView) -> dict[str, Array]:
     """Values of every quantity in every attempt ``[rollouts]``, NaN where it says nothing of it; six decimals."""
-    return _values(view, np.ones(len(view.observations), bool))
+    return {name: _values(view, name, terms) for name, terms in view.cached(_terms).items()}
 
 
 def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
@@ -177,104 +225,102 @@ def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
 
     Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there.
     """
-    observations, found, free = view.observations, view.cached(calibration), view.cached(is_free)
-    touched = observations.by_rollout(~free).any
+    observations, found, free = view.observations, dict(view.cached(calibration)), view.cached(is_free)
+    touched, terms = observations.by_rollout(~free).any, view.cached(_terms)
     if touched.any():
-        own = _values(view, free & np.append(touched, False)[observations.rollout])
-        found = {name: np.where(touched, own[name], values) for name, values in found.items()}
+        counts = free & np.append(touched, False)[observations.rollout]
+        found = {name: np.where(touched, _values(view, name, terms[name], counts), found[name]) for name in found}
     is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
-    after = _values(view, free & is_after & np.append(view.branched, False)[observations.rollout])
+    counts = free & is_after & np.append(view.branched, False)[observations.rollout]
     nothing = np.full(view.num_rollouts, np.nan)
-    return {
-        name: np.stack([values, after[name] if name in ("yaw_rate", "lateral") else nothing])
-        for name, values in found.items()
-    }
+    after = {name: _values(view, name, terms[name], counts) for name in ("yaw_rate", "lateral")}
+    return {name: np.stack([values, after.get(name, nothing)]) for name, values in found.items()}
 
 
-@np.errstate(all="ignore")  # what overflows is no number, and says nothing
-def _values(view: ShardView, counts: Mask) -> dict[str, Array]:
-    """Values of every quantity over the observations that count ``[observations]``."""
+@np.errstate(all="ignore")
+def _values(view: ShardView, name: str, terms: _Terms, counts: Mask | None = None) -> Array:
+    """Value of a quantity in every attempt, over the steps between observations that count ``[rollouts]``."""
+    row, above, below = terms
+    if counts is not None:
+        kept = counts[row] & counts[row - 1]
+        row, above, below = row[kept], above[kept], below[kept]
+    owner, num_attempts = view.observations.rollout[row], view.num_rollouts
+    steps = np.bincount(owner, minlength=num_attempts)
+    upper, lower = (
+        np.where(steps >= MIN_STEPS, np.bincount(owner, values, num_attempts), np.nan) for values in (above, below)
+    )
+    values = np.degrees(np.arctan2(upper, lower)) if name in _ANGLES else upper / lower
+    return np.where(np.isfinite(values), np.round(values, 6), np.nan)
+
+
+def _of_ego(view: ShardView) -> dict[str, _Terms]:
     stream = view.observations
-    counts = counts & follows(stream) & np.append(False, counts[:-1])[: len(stream)]
-    row = np.flatnonzero(counts)
+    every = np.flatnonzero(follows(stream))
+    distinct, place = view.cached(Copies).rows("observations").distinct(every, every - 1, len(stream))
+    row, steps = every[distinct], _Steps(every, place)
     x, y, yaw, speed, rate, along, across = (
-        stream[name].astype(np.float64)
+        [stream[name][rows].astype(np.float64) for rows in (row - 1, row)]
         for name in (
             "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps", "accel_longitudinal_mps2", "accel_lateral_mps2",
         )
     )  # fmt: skip
-    way_x, way_y, turn = x[row] - x[row - 1], y[row] - y[row - 1], wrap_rad(yaw[row] - yaw[row - 1])
+    way_x, way_y, turn = x[1] - x[0], y[1] - y[0], wrap_rad(yaw[1] - yaw[0])
     way, turning = np.hypot(way_x, way_y), turn / OBSERVATION_S
-    mean_speed, gained = (speed[row] + speed[row - 1]) / 2, (speed[row] - speed[row - 1]) / OBSERVATION_S
-    heading = yaw[row] - turn / 2
-    drives = way >= MIN_SPEED_MPS * OBSERVATION_S
-    owner, sense = stream.rollout[row], np.sign(mean_speed)
-    ahead = sense * (np.cos(heading) * way_x + np.sin(heading) * way_y)
-    left = sense * (np.cos(heading) * way_y - np.sin(heading) * way_x)
-
-    def of_attempts(counts: Mask, above: Array, below: Array) -> tuple[Array, Array, Array]:
-        return _of_attempts(view.num_rollouts, owner, counts, above, below)
-
-    def slope(recorded: Array, known: Array, counts: Mask) -> Array:
-        return of_attempts(counts, recorded * known, known**2)[0]
-
+    mean_speed, gained = (speed[1] + speed[0]) / 2, (speed[1] - speed[0]) / OBSERVATION_S
+    heading, sense = yaw[1] - turn / 2, np.sign(mean_speed)
+    cos, sin = np.cos(heading), np.sin(heading)
+    ahead, left = sense * (cos * way_x + sin * way_y), sense * (cos * way_y - sin * way_x)
+    drives, pushed = way >= MIN_SPEED_MPS * OBSERVATION_S, speed[1] * turning
     turns, gains = np.abs(turning) >= MIN_RATE_RADPS, np.abs(gained) >= MIN_ACCELERATION_MPS2
-    pushed = speed[row] * turning
-    steer, throttle, brake = _commands(view, row, drives & (turns | gains))
     recorded_way = np.abs(mean_speed) * OBSERVATION_S
-    angle = of_attempts(drives & (np.abs(turn) <= MAX_STRAIGHT_RAD), left, ahead)
     found = {
-        "speed": of_attempts(drives, recorded_way, way)[0],
-        "step": of_attempts(drives, np.abs(recorded_way - way), way)[0],
-        "yaw_rate": slope((rate[row] + rate[row - 1]) / 2, turning, turns),
-        "longitudinal": slope(along[row], gained, gains),
-        "lateral": slope(across[row], pushed, np.abs(pushed) >= MIN_ACCELERATION_MPS2),
-        "heading": np.degrees(np.arctan2(angle[1], angle[2])),
-        "steering": slope(turning, -steer * mean_speed, drives & turns),
-        "drive": slope(gained * sense, throttle - brake, drives & gains),
+        "speed": steps.terms(drives, recorded_way, way),
+        "step": steps.terms(drives, np.abs(recorded_way - way), way),
+        "yaw_rate": steps.slope(turns, (rate[1] + rate[0]) / 2, turning),
+        "longitudinal": steps.slope(gains, along[1], gained),
+        "lateral": steps.slope(np.abs(pushed) >= MIN_ACCELERATION_MPS2, across[1], pushed),
+        "heading": steps.terms(drives & (np.abs(turn) <= MAX_STRAIGHT_RAD), left, ahead),
     }
-    commands = stream["command"][row]
-    side = (commands == "left").astype(np.float64) - (commands == "right")
-    found["command"] = of_attempts(turns & (side != 0), turning * side, np.ones(len(row)))[0]
+    side = stream.equals("command", "left")[row].astype(np.float64) - stream.equals("command", "right")[row]
+    vehicle = view.descriptor.vehicle or Vehicle()
+    if vehicle.wheelbase_m is not None:
+        rolls = turns & (np.abs(mean_speed) <= MAX_ROLLING_MPS)
+        found["pivot"] = steps.terms(rolls, (cos * way_y - sin * way_x) * turn, turn**2 * vehicle.wheelbase_m)
+    found["command"] = steps.terms(turns & (side != 0), turning * side, np.ones(len(row)))
+    # What a vehicle is told is of another table: where it matters, every step is looked at by itself.
+    told = np.flatnonzero((drives & (turns | gains))[place])
+    one = place[told]
+    return found | _of_commands(view, every[told], *(values[one] for values in (mean_speed, turning, gained)))
+
+
+def _of_commands(view: ShardView, row: Index, mean_speed: Array, turning: Array, gained: Array) -> dict[str, _Terms]:
+    """Terms of the quantities of commands, from steps of moving egos to observations, each field ``[steps]``."""
+    steps, sense = _Steps(row, np.arange(len(row))), np.sign(mean_speed)
+    turns, gains = np.abs(turning) >= MIN_RATE_RADPS, np.abs(gained) >= MIN_ACCELERATION_MPS2
+    steer, throttle, brake = _commands(view, row)
+    found = {
+        "steering": steps.slope(turns, turning, -steer * mean_speed),
+        "drive": steps.slope(gains, gained * sense, throttle - brake),
+    }
     vehicle = view.descriptor.vehicle or Vehicle()
     if vehicle.wheelbase_m is not None and vehicle.max_steer_rad is not None:
         declared = -mean_speed * np.tan(vehicle.max_steer_rad * steer) / vehicle.wheelbase_m
         grips = np.abs(mean_speed * turning) <= MAX_GRIP_MPS2
-        found["vehicle_turn"] = slope(declared, turning, drives & turns & grips)
+        found["vehicle_turn"] = steps.slope(turns & grips, declared, turning)
     if vehicle.max_decel_mps2 is not None:
-        brakes = drives & gains & (throttle == 0) & (brake >= MIN_BRAKE)
-        found["vehicle_brake"] = slope(vehicle.max_decel_mps2 * brake, -gained * sense, brakes)
-    if vehicle.wheelbase_m is not None:
-        across = np.cos(heading) * way_y - np.sin(heading) * way_x
-        rolls = (np.abs(turning) >= MIN_RATE_RADPS) & (np.abs(mean_speed) <= MAX_ROLLING_MPS)
-        found["pivot"] = of_attempts(rolls, across * turn, turn**2 * vehicle.wheelbase_m)[0]
-    if "actors" in view:
-        found |= _of_actors(view, counts)
-    return {name: np.where(np.isfinite(values), np.round(values, 6), np.nan) for name, values in found.items()}
+        brakes = gains & (throttle == 0) & (brake >= MIN_BRAKE)
+        found["vehicle_brake"] = steps.slope(brakes, vehicle.max_decel_mps2 * brake, -gained * sense)
+    return found
 
 
-def _of_attempts(
-    num_attempts: int, owner: Index, counts: Mask, above: Array, below: Array
-) -> tuple[Array, Array, Array]:
-    """Ratio of two sums over the steps that count, and the sums ``[attempts]``; NaN where they are too few."""
-    counts = counts & np.isfinite(above) & np.isfinite(below)
-    steps = np.bincount(owner[counts], minlength=num_attempts)
-    upper, lower = (
-        np.where(steps >= MIN_STEPS, np.bincount(owner[counts], values[counts], num_attempts), np.nan)
-        for values in (above, below)
-    )
-    return upper / lower, upper, lower
-
-
-def _commands(view: ShardView, row: Index, counts: Mask) -> Array:
+def _commands(view: ShardView, row: Index) -> Array:
     """Mean applied steering, throttle and brake from the observation before each row to it ``[3, rows]``.
 
-    NaN where a row does not count, a control row is missing, or the policy is active at one.
+    NaN where a control row is missing, or the policy is active at one.
     """
     controls, observations = view.controls, view.observations
-    places = np.flatnonzero(counts)
     first, last = (
-        controls.find(observations.rollout[row[places]], observations.tick[row[places]] - ticks)
+        controls.find(observations.rollout[row], observations.tick[row] - ticks)
         for ticks in (OBSERVATION_STRIDE_TICKS, 1)
     )
     is_whole = (first >= 0) & (last - first == OBSERVATION_STRIDE_TICKS - 1)
@@ -284,39 +330,38 @@ def _commands(view: ShardView, row: Index, counts: Mask) -> Array:
         controls[f"applied_{name}"][rows].mean(axis=1, dtype=np.float64) for name in ("steer", "throttle", "brake")
     ]
     found = np.full((3, len(row)), np.nan)
-    found[:, places[is_whole]] = np.where(is_free, means, np.nan)
+    found[:, is_whole] = np.where(is_free, means, np.nan)
     return found
 
 
-def _of_actors(view: ShardView, counts: Mask) -> dict[str, Array]:
-    """Values of the quantities of actors, from steps of those who move, to observations that count."""
-    stream, observations = view.stream("actors"), view.observations
-    row, before, *_ = view.cached(tracks)
-    frame = observations.rows_of(stream)[row]
-    kept = (before >= 0) & (frame >= 0) & counts[frame]
-    row, before = row[kept], before[kept]
+def _of_actors(view: ShardView) -> dict[str, _Terms]:
+    """Terms of the quantities of actors, from steps of those who move."""
+    stream, every = view.stream("actors"), view.cached(actor_steps)
+    row, before = every.row[every.distinct], every.before[every.distinct]
     way = np.hypot(*(stream[name][row] - stream[name][before] for name in ("x_m", "y_m"))) / OBSERVATION_S
-    moves = way >= MIN_WALK_MPS
+    moves = np.flatnonzero(way >= MIN_WALK_MPS)
+    place = np.full(len(row), -1)
+    place[moves] = np.arange(len(moves))
+    steps = _Steps(view.observations.rows_of(stream)[every.row], place[every.place])
     row, before, way = row[moves], before[moves], way[moves]
     vel_x, vel_y = (
         np.add(stream[name][row], stream[name][before], dtype=np.float64) / 2 for name in ("vel_x_mps", "vel_y_mps")
     )
-    owner, speed, is_fast = stream.rollout[row], np.hypot(vel_x, vel_y), way >= MIN_SPEED_MPS
-    is_vehicle = (stream.equals("actor_class", "vehicle") | stream.equals("actor_class", "cycle"))[row]
-    is_walker = stream.equals("actor_class", "pedestrian")[row]
+    speed, is_fast = np.hypot(vel_x, vel_y), way >= MIN_SPEED_MPS
+    codes, names = stream.categories("actor_class")
+    is_vehicle, is_walker = (
+        np.array([name in classes for name in (*names, None)])[codes[row]]
+        for classes in (("vehicle", "cycle"), ("pedestrian",))
+    )
     yaw = stream["yaw_rad"][row].astype(np.float64)
     turn = wrap_rad(yaw - stream["yaw_rad"][before])
     cos, sin = np.cos(yaw - turn / 2), np.sin(yaw - turn / 2)
     along, across, is_driving = cos * vel_x + sin * vel_y, cos * vel_y - sin * vel_x, is_vehicle & is_fast
-
-    def of_attempts(counts: Mask, above: Array, below: Array) -> tuple[Array, Array, Array]:
-        return _of_attempts(view.num_rollouts, owner, counts, above, below)
-
-    angle = of_attempts(is_driving & (np.abs(turn) <= MAX_STRAIGHT_RAD), np.abs(across), along)
+    is_aslant = np.abs(vel_y) >= MIN_SINE * speed
     return {
-        "actor_sense": of_attempts(is_driving & (np.abs(vel_y) >= MIN_SINE * speed), along, speed)[0],
-        "actor_heading": np.degrees(np.arctan2(angle[1], angle[2])),
-        "actor_speed": of_attempts(is_driving, speed, way)[0],
-        "pedestrian_speed": of_attempts(is_walker, speed, way)[0],
-        "pedestrian_sense": of_attempts(is_walker & (np.abs(vel_y) >= MIN_SINE * speed), along, speed)[0],
+        "actor_sense": steps.terms(is_driving & is_aslant, along, speed),
+        "actor_heading": steps.terms(is_driving & (np.abs(turn) <= MAX_STRAIGHT_RAD), np.abs(across), along),
+        "actor_speed": steps.terms(is_driving, speed, way),
+        "pedestrian_speed": steps.terms(is_walker, speed, way),
+        "pedestrian_sense": steps.terms(is_walker & is_aslant, along, speed),
     }

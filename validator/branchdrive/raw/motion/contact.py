@@ -103,8 +103,9 @@ def actors_within_reach(view: ShardView, frames: Index) -> dict[str, Index]:
     place, row = bodies_within(view, moments, physical_bounds().contact_reach_m)
     contact = np.append(frames, before + 1)[place]  # the observation that an actor may explain
     found = {}
+    codes, names = actors.categories("actor_class")
     for kind, classes in (("vehicle", ("vehicle", "cycle")), ("pedestrian", ("pedestrian",))):
-        here = np.logical_or.reduce([actors.equals("actor_class", name)[row] for name in classes])
+        here = np.array([name in classes for name in (*names, None)])[codes[row]]
         pairs = np.unique(contact[here] * _IDS + actors["actor_id"][row[here]])
         found[kind] = np.bincount(observations.rollout[pairs // _IDS], minlength=view.num_rollouts)
     return found

@@ -6,6 +6,8 @@ a pair that contradicts ``r`` is smaller still. Pairs that a lower bound places 
 decide nothing. Where evidence is recorded as unavailable, every pair in range contradicts it, a time to
 collision every pair that may close.
 
+Observations that are copies as a whole have the pairs of their sources, and are left out.
+
 Source: spec/05-raw-streams.md#evidence.
 """
 
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import spec_limits
 from branchdrive.driving.box import Boxes, pair_bounds
 from branchdrive.driving.risk import RANGE_M, PairRisk, corridor_excess_m, pair_risk
+from branchdrive.raw.copies import Copies
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["deciding_pairs", "pairs_of_frame", "pairs_of_rows"]
@@ -96,7 +99,7 @@ def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
 
 
 def _actors_within_limits(view: ShardView) -> _Actors:
-    """Actors whose bounds do not rule them out."""
+    """Actors whose bounds do not rule them out, at observations that are no copies."""
     egos, stream = view.cached(_egos), view.stream("actors")
     frame, kinds = view.observations.rows_of(stream), view.cached(_kinds)
     yaw = egos.boxes.yaw_rad
@@ -107,10 +110,14 @@ def _actors_within_limits(view: ShardView) -> _Actors:
     np.maximum(separation, _limits(view, "nearest_vehicle", "nearest_vehicle_gap_m"), out=gap_limits[_VEHICLE])
     np.maximum(separation, _limits(view, "nearest_pedestrian", "nearest_pedestrian_gap_m"), out=gap_limits[_PEDESTRIAN])
     ttc_limits = _limits(view, "ttc", "ttc_s")
+    is_judged = np.append(view.cached(Copies).at_moments("observations").judged(len(view.observations)), False)
     pieces = []
     for start, columns in stream.pieces(_ACTOR_COLUMNS, _ROWS_AT_ONCE) if len(view.observations) else ():
+        judged = np.flatnonzero(is_judged[frame[start : start + len(columns[0])]])
+        if len(judged) < len(columns[0]):
+            columns = [values[judged] for values in columns]
         x, y, _, length, width, vel_x, vel_y = columns
-        here = slice(start, start + len(x))
+        here = start + judged
         at = frame[here]
         half_length, half_width = length.astype(np.float64) / 2, width.astype(np.float64) / 2
         bounds = pair_bounds(
@@ -122,9 +129,9 @@ def _actors_within_limits(view: ShardView) -> _Actors:
         )
         gap_limit = gap_limits.take(kinds[here] * np.int64(len(yaw)) + at, mode="clip")  # faster than [kind, frame]
         matters = ~(bounds.gap_m > gap_limit) | ~(bounds.ttc_s > ttc_limits[at])
-        kept = np.flatnonzero(matters & (bounds.gap_m <= _NEAR_M) & (at >= 0))
-        pieces.append((start, columns, kept))
-    rows = np.concatenate([np.zeros(0, np.int64), *(start + kept for start, _, kept in pieces)])
+        kept = np.flatnonzero(matters & (bounds.gap_m <= _NEAR_M))
+        pieces.append((here, columns, kept))
+    rows = np.concatenate([np.zeros(0, np.int64), *(here[kept] for here, _, kept in pieces)])
     fields = range(len(_ACTOR_COLUMNS))
     return _actors(rows, [np.concatenate([np.zeros(0), *(c[i][kept] for _, c, kept in pieces)]) for i in fields])
 
@@ -182,7 +189,10 @@ def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
 
 
 def deciding_pairs(view: ShardView) -> PairRisk:
-    """Pairs that can agree with or contradict recorded evidence, in order of the actor rows."""
+    """Pairs that can agree with or contradict recorded evidence, in order of the actor rows.
+
+    Those of observations that are copies are those of their sources; nominals, which copy nothing, have theirs.
+    """
     return _pairs(view, _actors_within_limits(view))
 
 

@@ -19,7 +19,7 @@ from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 
-__all__ = ["Executed", "executed", "group_digests", "observed_extremes", "responses", "responses_of", "tracks"]
+__all__ = ["Executed", "group_digests", "observed_extremes", "responses", "tracks"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,7 +34,7 @@ _MOVING_MPS = 0.5
 
 
 class Executed(NamedTuple):
-    """Chosen interventions and the chosen nominals of their groups, whose windows are whole.
+    """Chosen interventions and the chosen nominals of their groups, whose windows are whole; see `responses`.
 
     Attributes:
         group: Group of the shard ``[interventions]``.
@@ -59,18 +59,28 @@ class Executed(NamedTuple):
     expert: Array
 
 
-def responses(view: ShardView, selection: Selection, broken: Mask) -> Responses:
-    """What the `executed` interventions of the shard do."""
-    return responses_of(view, executed(view, selection, broken))
-
-
-@np.errstate(all="ignore")  # what overflows is no number, and is left out
-def executed(view: ShardView, selection: Selection, broken: Mask) -> Executed:
-    """Chosen interventions of the shard with the chosen nominal of their group.
+def responses(view: ShardView, selection: Selection, broken: Mask) -> tuple[Executed, Responses]:
+    """Chosen interventions of the shard with the chosen nominal of their group, and what they do.
 
     Left out are attempts that break a structure rule, those without every observation from ``t_b - 80`` to
     ``t_b + 50`` or without every active control, and those with values there that are no numbers.
     """
+    known, key = (
+        view.cached(_known),
+        tuple(values.tobytes() for values in (selection.chosen, selection.nominal, broken)),
+    )
+    if key not in known:
+        interventions = _executed(view, selection, broken)
+        known[key] = interventions, _responses_of(view, interventions)
+    return known[key]
+
+
+def _known(_view: ShardView) -> dict[tuple[bytes, ...], tuple[Executed, Responses]]:
+    return {}
+
+
+@np.errstate(all="ignore")  # what overflows is no number, and is left out
+def _executed(view: ShardView, selection: Selection, broken: Mask) -> Executed:
     group, policy = np.nonzero(selection.chosen >= 0)
     own, nominal = selection.chosen[group, policy], selection.nominal[group]
     same_branch = view.branched[own] & (view.branch_tick[own] == view.branch_tick[nominal])
@@ -86,8 +96,7 @@ def executed(view: ShardView, selection: Selection, broken: Mask) -> Executed:
 
 
 @np.errstate(all="ignore")
-def responses_of(view: ShardView, found: Executed) -> Responses:
-    """What interventions of the shard do."""
+def _responses_of(view: ShardView, found: Executed) -> Responses:
     state, reference, command, wanted, expert = found[4:]
     past = _OFFSETS[: _NUM_BEFORE + 2]
     rates, known = (_values(view, "observations", rollouts, _RATES, past) for rollouts in (found.own, found.nominal))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds, spec_limits
 from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
-from branchdrive.driving.route import feet_within
+from branchdrive.driving.route import Polylines
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = [
@@ -30,6 +30,9 @@ _COLUMNS = (
     "target_point_1_x_m", "target_point_1_y_m", "target_point_2_x_m", "target_point_2_y_m",
 )  # fmt: skip
 """What the rules on routes read of an observation."""
+
+_VERTICES_AT_ONCE = 1 << 17
+"""Vertices of polylines that are prepared at once, but for one that has more: a few megabytes."""
 
 _ROUNDING = 1e-6
 """Relative error of float32, and of what a pose in float32 is turned by."""
@@ -85,14 +88,17 @@ def has_judged_rows(view: ShardView) -> Mask:
     return np.bincount(view.observations.rollout[rows], minlength=view.num_rollouts).astype(bool)
 
 
-def _rows_by_route(view: ShardView) -> Iterator[tuple[Array, Array, Index]]:
-    """Each polyline with the distinct judged observations of the attempts that have it."""
+def _rows_by_route(view: ShardView) -> Iterator[tuple[Polylines, Index, Index]]:
+    """Polylines, the distinct judged observations of the attempts that have one of them, and which that is."""
     lines, (rows, same) = view.cached(routes), view.cached(_judged_rows)
     rows = rows[rows == same]
-    bounds = np.searchsorted(lines.of_rollout[view.observations.rollout[rows]], np.arange(len(lines.polylines) + 1))
-    for (x, y), start, stop in zip(lines.polylines, bounds[:-1], bounds[1:], strict=True):
-        if start < stop:
-            yield x, y, rows[start:stop]
+    route = lines.of_rollout[view.observations.rollout[rows]]  # ascends
+    used, place = np.unique(route, return_inverse=True)
+    part_of = np.cumsum([len(lines.polylines[i][0]) for i in used], dtype=np.int64) // _VERTICES_AT_ONCE
+    for part in np.unique(part_of):
+        first, stop = np.searchsorted(part_of, [part, part + 1])
+        here = slice(*np.searchsorted(place, [first, stop]))
+        yield Polylines([lines.polylines[i] for i in used[first:stop]]), rows[here], place[here] - first
 
 
 def _tolerance_m(size_m: Array) -> Array:
@@ -107,9 +113,9 @@ def contradicts_route(view: ShardView) -> Mask:
         for name in ("x_m", "y_m", "yaw_rad", "route_progress_m", "route_offset_m", "route_heading_error_rad")
     )
     bounds, contradicts = physical_bounds(), np.zeros(len(observations), bool)
-    for route_x, route_y, rows in _rows_by_route(view):
+    for polylines, rows, polyline in _rows_by_route(view):
         reach = np.abs(offset[rows]) + 2 * _tolerance_m(offset[rows])
-        point, foot = feet_within(x[rows], y[rows], route_x, route_y, reach)
+        point, foot = polylines.feet_within(x[rows], y[rows], polyline, reach)
         distance = np.abs(foot.offset_m)
         nearest = np.full(len(rows), np.inf)
         np.minimum.at(nearest, point, distance)
@@ -135,14 +141,15 @@ def misplaces_target_points(view: ShardView) -> Mask:
     )
     points = [[observations[f"target_point_{number}_{axis}_m"] for number in (1, 2)] for axis in ("x", "y")]
     misplaces = np.zeros(len(observations), bool)
-    for route_x, route_y, rows in _rows_by_route(view):
+    for polylines, rows, polyline in _rows_by_route(view):
         ahead, left = (np.concatenate([values[rows] for values in axis]).astype(np.float64) for axis in points)
         cos, sin = (np.tile(turn(yaw[rows]), 2) for turn in (np.cos, np.sin))
         target_x, target_y = (
             np.tile(x[rows], 2) + cos * ahead - sin * left,
             np.tile(y[rows], 2) + sin * ahead + cos * left,
         )
-        point, foot = feet_within(target_x, target_y, route_x, route_y, _tolerance_m(np.hypot(ahead, left)))
+        reach = _tolerance_m(np.hypot(ahead, left))
+        point, foot = polylines.feet_within(target_x, target_y, np.tile(polyline, 2), reach)
         number, point = np.divmod(point, len(rows))
         least = progress[rows]
         for which in (0, 1):

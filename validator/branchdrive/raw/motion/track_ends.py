@@ -14,6 +14,7 @@ from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS
 from branchdrive.driving.box import Boxes, box_gap
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.driving.track_end import CLASSES, MEASURES, TrackEnds
+from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.motion.response import group_digests
 from branchdrive.raw.motion.tracks import tracks
@@ -49,6 +50,9 @@ def track_ends(view: ShardView, broken: Mask) -> TrackEnds:
     places = np.concatenate([np.flatnonzero(begins), np.flatnonzero(ends)])
     step = np.repeat([-1, 1], [begins.sum(), ends.sum()])
     beyond_m = np.stack(_distances(view, row[places], frame[places] + step, step * OBSERVATION_S), axis=1)
+    # A copy is as far away as its source, which counts unless its attempt is broken.
+    is_copy = ~view.cached(Copies).at_moments("actors").judged(len(stream))[row]
+    kept &= ~(is_copy & ~broken[view.nominal[observations.rollout[frame]]])
     return TrackEnds(
         step < 0,
         kind[places],

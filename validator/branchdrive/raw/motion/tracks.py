@@ -12,11 +12,15 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
+from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.join import KeyIndex
 
-__all__ = ["Displacements", "Tracks", "actor_displacements", "actor_returns", "tracks"]
+__all__ = [
+    "ActorSteps", "Displacements", "Tracks", "actor_displacements", "actor_returns", "actor_steps",
+    "repeats_nominal", "tracks",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -76,6 +80,44 @@ def tracks(view: ShardView) -> Tracks:
     return Tracks(row, np.where(previous >= 0, row[previous], -1), row[resumed], row[left])
 
 
+def repeats_nominal(view: ShardView) -> Mask:
+    """Observations that are copies as a whole, as the ones before them are, which precede their sources, too.
+
+    So tracks go on and begin there as they do in the nominal ``[observations]``.
+    """
+    owner, copied = view.observations.rollout, view.cached(Copies).at_moments("observations")
+    source, is_copy = np.arange(len(owner)), ~copied.judged(len(owner))
+    source[copied.row] = copied.source
+    found = np.zeros(len(owner), bool)
+    found[1:] = is_copy[1:] & is_copy[:-1] & (owner[1:] == owner[:-1]) & (np.diff(source) == 1)
+    return found
+
+
+class ActorSteps(NamedTuple):
+    """Steps of actors from one observation to the next, a quarter second later.
+
+    Attributes:
+        row: Row of the actors table that each leads to ``[steps]``.
+        before: Row that it comes from ``[steps]``.
+        distinct: Steps that repeat none of a nominal ``[distinct]``.
+        place: The one of these that each step is or repeats ``[steps]``.
+    """
+
+    row: Index
+    before: Index
+    distinct: Index
+    place: Index
+
+
+def actor_steps(view: ShardView) -> ActorSteps:
+    """Steps of the tracks of a shard between neighbouring observations."""
+    observations, stream = view.observations, view.stream("actors")
+    row, before, *_ = view.cached(tracks)
+    compared = (before >= 0) & follows(observations)[observations.rows_of(stream)[row]]
+    row, before = row[compared], before[compared]
+    return ActorSteps(row, before, *view.cached(Copies).at_moments("actors").distinct(row, before, len(stream)))
+
+
 class Displacements(NamedTuple):
     """How far actors are from where their velocities lead, between two of their rows.
 
@@ -94,10 +136,9 @@ class Displacements(NamedTuple):
 
 def actor_displacements(view: ShardView) -> Displacements:
     """Displacements of actors between neighbouring observations, those after a contact of the ego among them."""
-    observations = view.observations
-    row, before, *_ = view.cached(tracks)
-    compared = (before >= 0) & follows(observations)[observations.rows_of(view.stream("actors"))[row]]
-    return _displacements(view, row[compared], before[compared])
+    row, before, distinct, place = view.cached(actor_steps)
+    _, *found = _displacements(view, row[distinct], before[distinct])
+    return Displacements(row, *(values[place] for values in found))
 
 
 def actor_returns(view: ShardView) -> Displacements:

@@ -35,8 +35,8 @@ def _at_rows(
     expected: Callable[[int], str],
     found: Callable[[int], str],
 ) -> Check:
-    """Rollouts with control rows that are compared, by those that violate; described at the first of them."""
-    subjects = subjects & view.controls.by_rollout(compared).any
+    """Attempts that are compared, by control rows that violate; described at the first of them."""
+    subjects = subjects & compared
     summary = view.controls.by_rollout(bad_rows)
 
     def describe(i: int) -> Mismatch:
@@ -53,8 +53,9 @@ def _marked(view: ShardView, rows: Rows) -> Mask:
     return marked
 
 
-def _every(view: ShardView) -> Mask:
-    return np.ones(len(view.controls), bool)
+def _with_rows(view: ShardView, rows: Mask) -> Mask:
+    """Attempts with one of the control rows ``[rollouts]``."""
+    return view.controls.by_rollout(rows).any
 
 
 @rule("BD-CTL-001")
@@ -64,7 +65,7 @@ def nothing_active_before_branch(view: ShardView, subjects: Mask) -> Iterator[Ch
     controls = view.controls
     is_early = controls.tick < np.append(view.branch_tick, 0)[controls.rollout]
     yield _at_rows(
-        view, subjects, is_early, is_early & controls["active"],
+        view, subjects, _with_rows(view, is_early), is_early & controls["active"],
         lambda row: f"inactive before branch tick {view.branch_tick[controls.rollout[row]]}", lambda _: "active",
     )  # fmt: skip
 
@@ -117,7 +118,7 @@ def _follows_rule(rule_name: str) -> Callable[[ShardView, Mask], Iterator[Check]
         def expected(row: int) -> str:
             return f"{ACTUATORS[wrong_actuator[row]]} {quote(demanded[wrong_actuator[row], row])} (`{rule_name}`)"
 
-        yield _at_rows(view, subjects & view.role("intervention"), compared, bad, expected, found)
+        yield _at_rows(view, subjects & view.role("intervention"), _with_rows(view, compared), bad, expected, found)
 
     check.__doc__ = f"Intended commands of `{rule_name}` actuators equal the formula, exactly in float32."
     return check
@@ -130,33 +131,32 @@ absolute_actuators = rule("BD-CTL-006")(_follows_rule("absolute"))
 floor_actuators = rule("BD-CTL-007")(_follows_rule("floor"))
 
 
-def _applied_equals(view: ShardView, subjects: Mask, rows: Rows, demanded: str) -> Check:
-    """``|applied - demanded| <= tolerance`` on the given rows, all three actuators; exact by default."""
+def _applied_equals(view: ShardView, subjects: Mask, rows: Mask, demanded: str) -> Check:
+    """``|applied - demanded| <= tolerance`` on marked rows, all three actuators; exact by default."""
     controls = view.controls
     tolerance = view.descriptor.tolerances.actuator
     bad = np.zeros(len(controls), bool)
     for actuator in ACTUATORS:
-        applied, command = controls[f"applied_{actuator}"][rows], controls[f"{demanded}_{actuator}"][rows]
-        bad[rows] |= applied != command if tolerance == 0 else np.abs(applied.astype(float) - command) > tolerance
+        applied, command = controls[f"applied_{actuator}"], controls[f"{demanded}_{actuator}"]
+        bad |= applied != command if tolerance == 0 else np.abs(applied.astype(float) - command) > tolerance
 
     def text(prefix: str) -> Callable[[int], str]:
         return lambda row: ", ".join(f"{a} {quote(controls[f'{prefix}_{a}'][row])}" for a in ACTUATORS)
 
-    return _at_rows(view, subjects, _marked(view, rows), bad, text(demanded), text("applied"))
+    return _at_rows(view, subjects, _with_rows(view, rows), bad & rows, text(demanded), text("applied"))
 
 
 @rule("BD-CTL-008")
 def applied_equals_intended(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """While active, the vehicle gets what the policy demanded."""
     subjects = subjects & view.role("intervention")
-    yield _applied_equals(view, subjects, view.active_rows, "intended")
+    yield _applied_equals(view, subjects, _marked(view, view.active_rows), "intended")
 
 
 @rule("BD-CTL-009")
 def applied_equals_expert(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """While inactive, the vehicle gets what the online expert commanded."""
-    controls = view.controls
-    yield _applied_equals(view, subjects, np.flatnonzero(~controls["active"]), "expert")
+    yield _applied_equals(view, subjects, ~view.controls["active"], "expert")
 
 
 @rule("BD-CTL-010")
@@ -181,7 +181,8 @@ def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> Iterator[C
     def found(row: int) -> str:
         return ", ".join(f"{a} {quote(controls[f'nominal_{a}'][row])}" for a in ACTUATORS)
 
-    yield _at_rows(view, subjects, _marked(view, rows), _marked(view, rows[wrong]), expected, found)
+    compared = _with_rows(view, _marked(view, rows))
+    yield _at_rows(view, subjects, compared, _marked(view, rows[wrong]), expected, found)
 
 
 @rule("BD-CTL-011")
@@ -195,7 +196,7 @@ def source_follows_active(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return "`intervention`" if flag else "`online_expert`"
 
     yield _at_rows(
-        view, subjects, _every(view), intervenes != active, lambda row: word(active[row]),
+        view, subjects, controls.is_there, intervenes != active, lambda row: word(active[row]),
         lambda row: word(intervenes[row]),
     )  # fmt: skip
 
@@ -231,7 +232,7 @@ def nominal_runs_untouched(view: ShardView, subjects: Mask) -> Iterator[Check]:
     yield _at_rows(
         view,
         subjects & ~view.role("intervention"),
-        _every(view),
+        view.controls.is_there,
         _marked(view, view.active_rows),
         lambda _: "inactive",
         lambda _: "active",
@@ -241,14 +242,16 @@ def nominal_runs_untouched(view: ShardView, subjects: Mask) -> Iterator[Check]:
 @rule("BD-CTL-014")
 def effective_action_is_the_policy(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """The ``effective_*`` columns say what the bank's policy says."""
-    bank = view.descriptor.action_bank
+    bank, rollouts = view.descriptor.action_bank, view.rollouts
     differs = np.full(view.num_rollouts, "", dtype=object)
     wanted = [policy.effective_action() for policy in bank.policies]
-    for i in np.flatnonzero(subjects & (view.policy >= 0)):
-        for column, value in wanted[view.policy[i]].items():
-            recorded = view.rollouts[column][i] if view.rollouts.valid(column)[i] else None
-            if recorded != value and not differs[i]:
-                differs[i] = column
+    for policy, action in enumerate(wanted):
+        here = np.flatnonzero(subjects & (view.policy == policy))
+        for column, value in action.items():
+            valid = rollouts.valid(column)[here]
+            differing = valid if value is None else ~valid | (rollouts[column][here] != value)
+            differing = differing & (differs[here] == "")
+            differs[here[differing]] = column
 
     def describe(i: int) -> Mismatch:
         column = differs[i]
@@ -274,4 +277,4 @@ def one_axis_is_never_both(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return ", ".join(f"{command} {quote(controls[command][row])}" for command in commands)
 
     expected = "throttle or brake, which are one axis of this vehicle"
-    yield _at_rows(view, subjects, _every(view), both, lambda _: expected, found)
+    yield _at_rows(view, subjects, controls.is_there, both, lambda _: expected, found)

@@ -17,6 +17,7 @@ from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.driving.risk import CUTOFF_SLACK, frame_risk, least_of_frame, risk_candidates
+from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.pairs import deciding_pairs, pairs_of_frame
 from branchdrive.raw.shard_view import ShardView
 
@@ -45,8 +46,8 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
     """Mask, value and actor of a minimum are those of the recorded boxes."""
     evidence, pairs = view.stream("evidence"), view.cached(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
-    frame = view.observations.rows_of(evidence)
-    rows = np.flatnonzero(frame >= 0)
+    frame, copied = view.observations.rows_of(evidence), view.cached(Copies).at_moments("evidence")
+    rows = np.flatnonzero((frame >= 0) & copied.judged(len(evidence)))
     there = evidence[f"{name}_available"].astype(bool)
     recorded = evidence[column].astype(np.float64)
 
@@ -65,6 +66,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
     sound = np.where(there[rows], has_pair[rows] & is_least, ~np.isfinite(certain))
     bad = np.zeros(len(evidence), bool)
     bad[rows] = ~sound
+    copied.fill(bad)
     summary = evidence.by_rollout(bad)
 
     def text(available: bool, value: float) -> str:
@@ -114,7 +116,7 @@ def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
     """The recorded closing speed is that of a vehicle at the recorded gap."""
     evidence, pairs = view.stream("evidence"), view.cached(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
-    frame = view.observations.rows_of(evidence)
+    frame, copied = view.observations.rows_of(evidence), view.cached(Copies).at_moments("evidence")
     row_of = np.full(len(view.observations), -1)
     row_of[frame[frame >= 0]] = np.flatnonzero(frame >= 0)
     there = evidence["nearest_vehicle_available"].astype(bool)
@@ -127,12 +129,13 @@ def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
     has_candidate[owner[fits]] = True
     sound = np.zeros(len(evidence), bool)
     sound[owner[matched]] = True
+    copied.fill(has_candidate, sound)
     subjects = subjects & evidence.by_rollout(there & has_candidate).any
     summary = evidence.by_rollout(there & has_candidate & ~sound)
 
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
-        candidates = closing[fits & (owner == row)]
+        candidates = closing[fits & (owner == copied.source_of(row))]
         place: Location = {
             "table": "evidence", "column": "nearest_vehicle_rel_speed_mps", "tick": int(evidence.tick[row]),
         }  # fmt: skip

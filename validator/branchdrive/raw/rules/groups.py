@@ -151,7 +151,7 @@ same_versions = rule("BD-GRP-008")(_shared(("simulator_version", "collector_vers
 @rule("BD-GRP-009")
 def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
     """No candidates of a moving vehicle that steer or brake otherwise, the nominal among them, have one future."""
-    every = responses(view, selection, np.zeros(view.num_rollouts, bool))
+    _, every = responses(view, selection, np.zeros(view.num_rollouts, bool))
     bank = view.descriptor.action_bank
     largest_last = sorted(every.copies(bank.nominal_index), key=lambda copy: (len(copy[1]), sorted(copy[1])))
     keys, shared = bank.keys, dict(largest_last)
@@ -170,7 +170,7 @@ def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, s
 @rule("BD-GRP-010")
 def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
     """No candidate without a contact ends to the left of its nominal where it alone steers to the right, or reverse."""
-    every = responses(view, selection, np.zeros(view.num_rollouts, bool))
+    _, every = responses(view, selection, np.zeros(view.num_rollouts, bool))
     digests = view.cached(group_digests)
     order = np.argsort(digests)
     group = order[np.searchsorted(digests, every.group, sorter=order)]

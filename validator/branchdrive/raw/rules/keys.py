@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,13 +63,28 @@ def rows_are_in_the_order_of_their_keys(view: ShardView) -> Iterator[Check]:
     """No row has a key below that of the row before it; texts by their bytes, numbers by value."""
     for name in view.table_names:
         table, key = view[name], TABLES[name].key
-        stored = np.argsort(table.position) if isinstance(table, StreamView) else np.arange(len(table))
-        is_below = np.zeros(max(len(stored) - 1, 0), bool)
-        for values in (sortable(table, column)[stored] for column in key[::-1]):
-            is_below = np.where(values[1:] == values[:-1], is_below, values[1:] < values[:-1])
+        below = np.zeros(0, np.intp) if _is_stored_as_seen(view, table) else _below(table)
         expected = f"a key ({', '.join(key)}) above that of the row before"
-        below = np.sort(stored[1:][is_below])
         yield Check.of_rows(name, key[-1], len(table), below, lambda _, text=expected: (text, "one below it"))  # type: ignore[misc]
+
+
+def _below(table: TableView) -> NDArray[np.intp]:
+    """Rows whose key is below that of the row stored before."""
+    stored = np.argsort(table.position) if isinstance(table, StreamView) else np.arange(len(table))
+    is_below = np.zeros(max(len(stored) - 1, 0), bool)
+    for values in (sortable(table, column)[stored] for column in TABLES[table.name].key[::-1]):
+        is_below = np.where(values[1:] == values[:-1], is_below, values[1:] < values[:-1])
+    return np.sort(stored[1:][is_below])
+
+
+def _is_stored_as_seen(view: ShardView, table: TableView) -> bool:
+    """Whether a stream surely is in the order of its keys: stored as it is seen, of attempts in the order of theirs."""
+    if not isinstance(table, StreamView) or (table.rollout < 0).any() or (np.diff(table.position) < 0).any():
+        return False
+    if any(after < before for before, after in pairwise(view.rollout_ids)):
+        return False
+    further = [sortable(table, column) for column in TABLES[table.name].key[2:]]
+    return not table.repeats.any() or not any((table.repeats[1:] & (part[1:] < part[:-1])).any() for part in further)
 
 
 def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
@@ -121,9 +137,14 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         if name not in view:
             continue
         stream = view.stream(name)
-        is_known = stream.rollout >= 0
-        orphan = is_known & (observations.rows_of(stream) < 0)
-        repeated = (stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])) & is_known
+        first = np.flatnonzero(~stream.repeats)  # of every moment
+        is_known = stream.rollout[first] >= 0
+        lacks_one = is_known & (observations.rows_of(stream)[first] < 0)
+        num_rows = np.diff(first, append=len(stream))
+        orphan = np.repeat(lacks_one, num_rows)
+        repeated = stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])
+        if not is_known.all():
+            repeated = repeated & np.repeat(is_known, num_rows)
         yield Check.of_rows(
             name,
             None,

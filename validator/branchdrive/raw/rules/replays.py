@@ -19,6 +19,7 @@ from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.contract.timing import PREDECESSOR_OFFSET
+from branchdrive.raw.copies import HISTORIES, Copies
 from branchdrive.raw.motion.contact import is_free
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import StreamView
@@ -33,9 +34,6 @@ COMPARED: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 _MOTION = ("x_m", "y_m", "speed_mps")
 """Columns that tell whether two histories are near each other."""
-
-HISTORIES: Mapping[str, int] = MappingProxyType({"observations": 0, "evidence": 0, "actors": 0, "controls": -1})
-"""Streams whose rows before the branch are compared, and the offset of the last such row from ``t_b``."""
 
 
 class Difference(NamedTuple):
@@ -166,7 +164,9 @@ def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check
     judged = complete_interventions(view, subjects)
     if view.descriptor.collection.replay_noise.kind != "exact":
         judged[:] = False
-    found = {i: _history_difference(view, i) for i in np.flatnonzero(judged).tolist()}
+    attempts, copies = np.flatnonzero(judged), view.cached(Copies)
+    equal = [copies.hold_histories(table, attempts) for table in HISTORIES if table in view]
+    found = {i: _history_difference(view, i) for i in attempts[~np.logical_and.reduce(equal)].tolist()}
     differences = {i: mismatch for i, mismatch in found.items() if mismatch is not None}
     differing = np.zeros(view.num_rollouts, bool)
     differing[[*differences]] = True

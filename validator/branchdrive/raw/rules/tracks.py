@@ -5,7 +5,7 @@ Source: spec/05-raw-streams.md#tracks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from branchdrive.contract.text import quote
 from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.raw.motion.contact import is_free, touches
-from branchdrive.raw.motion.tracks import actor_displacements, actor_returns, tracks
+from branchdrive.raw.motion.tracks import actor_displacements, actor_returns, repeats_nominal, tracks
 from branchdrive.raw.shard_view import ShardView
 
 Index = NDArray[np.int64]
@@ -29,14 +29,13 @@ _BOX = ("x_m", "y_m", "yaw_rad", "length_m", "width_m")
 def _of_actors(
     view: ShardView,
     subjects: Mask,
-    compared: NDArray[np.intp],
+    compared: Mask,
     rows: NDArray[np.intp],
     column: str,
     text: Callable[[int], tuple[str, str]],
 ) -> Check:
-    """Check of the attempts with rows of the actors table that are compared, by those of them that are wrong."""
-    stream = view.stream("actors")
-    subjects = subjects & np.bincount(stream.rollout[compared], minlength=view.num_rollouts).astype(bool)
+    """Check of the attempts that are compared, by rows of the actors table that are wrong."""
+    stream, subjects = view.stream("actors"), subjects & compared
     marked = np.zeros(len(stream), bool)
     marked[rows] = True
     summary = stream.by_rollout(marked)
@@ -50,23 +49,34 @@ def _of_actors(
     return Check.of_subjects(subjects, subjects & summary.any, describe)
 
 
+def _with_rows(view: ShardView, rows: Index) -> Mask:
+    """Attempts with one of some rows of the actors table ``[rollouts]``."""
+    return np.bincount(view.stream("actors").rollout[rows], minlength=view.num_rollouts) > 0
+
+
 @rule("BD-ACT-001")
 def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Class and extents of an actor are those of its previous row."""
     stream, (row, previous, resumed, left) = view.stream("actors"), view.cached(tracks)
     rows = np.concatenate([row[previous >= 0], resumed])
     before = np.concatenate([previous[previous >= 0], left])
-    checks = []
+    judged = np.ones(len(rows), bool)
+    judged[: len(rows) - len(resumed)] = ~view.cached(repeats_nominal)[
+        view.observations.rows_of(stream)[row[previous >= 0]]
+    ]
+    some, compared, checks = np.flatnonzero(judged), _with_rows(view, rows), []
     for column in _KIND:
         values = stream.categories(column)[0] if column == "actor_class" else stream[column]
-        bad = np.flatnonzero(values[rows] != values[before])
+        bad = some[values[rows[some]] != values[before[some]]]
+        if len(bad):  # and what repeats it
+            bad = np.flatnonzero(values[rows] != values[before])
         source = dict(zip(rows[bad].tolist(), before[bad].tolist(), strict=True))
 
         def text(row: int, column: str = column, source: dict[int, int] = source) -> tuple[str, str]:
             was, found = (quote(stream[column][k]) for k in (source[row], row))
             return f"{was}, as at tick {stream.tick[source[row]]}", found
 
-        checks.append(_of_actors(view, subjects, rows, rows[bad], column, text))
+        checks.append(_of_actors(view, subjects, compared, rows[bad], column, text))
     yield Check.of_any(*checks)
 
 
@@ -80,6 +90,15 @@ def _crowded_rows(view: ShardView) -> Index:
     return row[is_crowded[frame]]
 
 
+def _twins(view: ShardView, rows: Index, columns: Sequence[str]) -> tuple[Index, Index]:
+    """Rows that have all columns of another row of their observation, and these others."""
+    stream = view.stream("actors")
+    parts = [view.observations.rows_of(stream)[rows], *(stream[column][rows] for column in columns)]
+    order = np.lexsort(parts[::-1])
+    repeats = np.flatnonzero(np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in parts]))
+    return rows[order[repeats + 1]], rows[order[repeats]]
+
+
 @rule("BD-ACT-002")
 def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """No actor has the place of the ego, and no two actors of an observation have one box."""
@@ -88,20 +107,21 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     rows = row[previous < 0]
     frame = observations.rows_of(stream)[rows]
     near = np.hypot(stream["x_m"][rows] - observations["x_m"][frame], stream["y_m"][rows] - observations["y_m"][frame])
-    away = dict(zip(rows.tolist(), near.tolist(), strict=True))
+    is_same = near <= physical_bounds().same_centre_m
+    away = dict(zip(rows[is_same].tolist(), near[is_same].tolist(), strict=True))
     ego = _of_actors(
-        view, subjects, rows, rows[near <= physical_bounds().same_centre_m], "x_m",
+        view, subjects, _with_rows(view, rows), rows[is_same], "x_m",
         lambda row: ("another road user than the ego", f"a box whose centre is {away[row]:.2f} m from that of the ego"),
     )  # fmt: skip
 
     rows = _crowded_rows(view)
-    frame = observations.rows_of(stream)[rows]
-    boxes = [frame, *(stream[column][rows] for column in _BOX)]
-    order = np.lexsort(boxes[::-1])
-    repeats = np.flatnonzero(np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in boxes]))
-    twin = dict(zip(rows[order[repeats + 1]].tolist(), rows[order[repeats]].tolist(), strict=True))
+    some = rows[~view.cached(repeats_nominal)[observations.rows_of(stream)[rows]]]
+    second, first = _twins(view, some, _BOX[:1])  # few share as much as one number
+    if len(second):
+        second, first = _twins(view, rows, _BOX)
+    twin = dict(zip(second.tolist(), first.tolist(), strict=True))
     twice = _of_actors(
-        view, subjects, row, rows[order[repeats + 1]], "actor_id",
+        view, subjects, _with_rows(view, row), second, "actor_id",
         lambda row: (
             "a box of its own", f"the box of actor {stream['actor_id'][twin[row]]}",
         ),
@@ -129,7 +149,7 @@ def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
         missing = np.where((missing < 0) & (here < next_) & (np.hypot(*away) <= RANGE_M - margin_m), here, missing)
     tick = dict(zip(resumed[missing >= 0].tolist(), observations.tick[missing[missing >= 0]].tolist(), strict=True))
     yield _of_actors(
-        view, subjects, row, resumed[missing >= 0], "actor_id",
+        view, subjects, _with_rows(view, row), resumed[missing >= 0], "actor_id",
         lambda row: (f"a row at tick {tick[row]}, too, where the actor is in range", "none"),
     )  # fmt: skip
 
@@ -143,7 +163,7 @@ def actors_move_as_their_velocity_says(view: ShardView, subjects: Mask) -> Itera
     far = np.flatnonzero(residual > steps.most_m[free])
     away = dict(zip(rows[far].tolist(), residual[far].tolist(), strict=True))
     yield _of_actors(
-        view, subjects, rows, rows[far], "vel_x_mps",
+        view, subjects, _with_rows(view, rows), rows[far], "vel_x_mps",
         lambda row: (
             f"a displacement within {bounds.displacement_m:g} m and {bounds.displacement_share:.0%} of what the "
             "velocity gives", f"{away[row]:.2f} m away from it",
@@ -162,7 +182,7 @@ def actors_come_back_where_they_can(view: ShardView, subjects: Mask) -> Iterator
     far = np.flatnonzero(free & (back.residual_m > back.most_m))
     step = dict(zip(back.row[far].tolist(), far.tolist(), strict=True))
     yield _of_actors(
-        view, subjects, back.row[free], back.row[far], "actor_id",
+        view, subjects, _with_rows(view, back.row[free]), back.row[far], "actor_id",
         lambda row: (
             f"after {back.time_s[step[row]]:.2f} s a place within {back.most_m[step[row]]:.1f} m of where its "
             "velocities lead",

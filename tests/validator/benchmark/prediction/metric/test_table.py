@@ -59,7 +59,7 @@ def test_an_interval_is_of_the_mean_of_seeds_under_shared_resamples(truth: Outco
     resampling = design(pairs(14), seed=5, num_resamples=60)
     rows = [row for row in found.estimates if row.model == "good"]
     for part, ends in ((1, ("low", "high")), (3, ("cluster_low", "cluster_high"))):
-        counts = resampling.split(resampling.counts)[part]
+        counts = resampling.split(resampling[:])[part]
         resampled = metric_values(truth, list(models(truth)["good"].values()), UNIT, counts).counted.mean(axis=0)
         expected = np.quantile(resampled, [0.025, 0.975], axis=0)
         same([[getattr(row.interval, end) for end in ends] for row in rows], expected.T)
@@ -101,7 +101,7 @@ def test_a_comparison_takes_errors_averaged_over_seeds(truth: Outcomes, found: S
     same([row.correlation for row in found.comparisons], intra_cluster_correlation(differences, clusters))
     same([row.difference for row in found.comparisons], test.mean)
     assert [row.p for row in found.comparisons] == test.p.tolist()
-    studentised = studentised_p(differences, design(pairs(14), seed=5, num_resamples=60).counts[1:61])
+    studentised = studentised_p(differences, design(pairs(14), seed=5, num_resamples=60)[1:61])
     assert [row.studentised_p for row in found.comparisons] == studentised.tolist()
     assert [row.name for row in found.comparisons] == ["good-bad.macro_nmae", "good-bad.ade_m"]
 

@@ -152,12 +152,16 @@ def steering_in_double_precision(d: Draft) -> None:
     d.set("controls", _of("intended applied", "steer"), neighbour, rollout_id=BRAKE, tick=range(BRANCH_TICK, LAST + 1))
 
 
+def _other_throttle(d: Draft) -> float:
+    """Throttle that the expert of an attempt which steers demands, and its nominal did not."""
+    stored = d.value("controls", "nominal_throttle", rollout_id=STEER_LEFT, tick=MIDDLE)
+    d.set("controls", "expert_throttle", stored + 0.125, rollout_id=STEER_LEFT, tick=MIDDLE)
+    return float(stored) + 0.125
+
+
 @mutant("BD-CTL-004", at=_place(STEER_LEFT, MIDDLE))
 def online_throttle_while_steering(d: Draft) -> None:
-    expert = d.value("controls", "expert_throttle", rollout_id=STEER_LEFT, tick=MIDDLE)
-    stored = d.value("controls", "nominal_throttle", rollout_id=STEER_LEFT, tick=MIDDLE)
-    assert expert != stored
-    d.set("controls", _of("intended applied", "throttle"), expert, rollout_id=STEER_LEFT, tick=MIDDLE)
+    d.set("controls", _of("intended applied", "throttle"), _other_throttle(d), rollout_id=STEER_LEFT, tick=MIDDLE)
 
 
 @mutant("BD-CTL-004", at=_place(STEER_LEFT, BRANCH_TICK))
@@ -314,8 +318,8 @@ def stored_command_that_is_never_read(d: Draft) -> None:
 
 @mutant("BD-CTL-010", at=_place(STEER_LEFT, MIDDLE))
 def stored_throttle_of_the_expert(d: Draft) -> None:
-    expert = d.value("controls", "expert_throttle", rollout_id=STEER_LEFT, tick=MIDDLE)
-    d.set("controls", _of("nominal intended applied", "throttle"), expert, rollout_id=STEER_LEFT, tick=MIDDLE)
+    throttle = _other_throttle(d)
+    d.set("controls", _of("nominal intended applied", "throttle"), throttle, rollout_id=STEER_LEFT, tick=MIDDLE)
 
 
 @mutant("BD-CTL-010", at=_place("g0.brake_0.50.a1", 160))

@@ -11,6 +11,8 @@ from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import BRAKE, SHARD_0, SHARD_1, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.testing.drive import on_grid
+
 TOWN = "Town13"
 """Driven in one shard alone, so that its map may change there."""
 
@@ -346,7 +348,7 @@ def _with_oncoming_lanes(rows: pa.Table) -> pa.Table:
         x, y = (np.array(element[column]) for column in ("x_m", "y_m"))
         heading = np.arctan2(np.gradient(y), np.gradient(x))
         sides = {"x_m": x - ONCOMING_M * np.sin(heading), "y_m": y + ONCOMING_M * np.cos(heading)}
-        lines = {column: values[::-1].tolist() for column, values in sides.items()}
+        lines = {column: on_grid(values[::-1]).tolist() for column, values in sides.items()}
         name = f"oncoming-{element['element_id']}"
         elements.append({**element, **lines, "element_id": name, "lane_id": name, "width_m": [3.0] * len(x)})
     return pa.Table.from_pylist(elements, rows.schema)

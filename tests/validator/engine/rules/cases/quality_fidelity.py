@@ -165,7 +165,7 @@ def thresholds_of_all_partitions(d: ReleaseDraft) -> None:
     assert d.value("group_quality", "core_valid", group_id=NOISY)
 
 
-@mutant("BD-FID-005", at={"file": THRESHOLDS, "pointer": "/variables/0/value"}, findings=5)
+@mutant("BD-FID-005", at={"file": THRESHOLDS, "pointer": "/variables/0/value"}, findings=4)
 def thresholds_of_groups_that_are_not_eligible(d: ReleaseDraft) -> None:
     groups = d.frame("group_quality")
     _fit(d, {**groups, "eligible": groups["integrity_complete"]})

@@ -12,7 +12,7 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.cases.groups_outcomes import give_outcome, like_nominal
 from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.testing.drive import route_columns
+from branchdrive.testing.drive import angle_on_grid, on_grid, route_columns
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
 
@@ -179,7 +179,7 @@ def speedometer_that_shows_too_much(d: Draft) -> None:
 
 @mutant("BD-RSP-007", base="bare", at={"column": "speed_mps"})
 def ticks_that_are_three_percent_too_long(d: Draft) -> None:
-    d.set("observations", "speed_mps", lambda speed: speed / 1.03)
+    d.set("observations", "speed_mps", lambda speed: 0.97 * speed)
 
 
 @mutant("BD-RSP-007", base="bare", at={"column": "x_m"})
@@ -189,7 +189,7 @@ def states_that_are_repeated_from_ten_hertz(d: Draft) -> None:
         rows = d.take("observations", rollout_id=rollout_id)
         x, y, yaw, speed, tick = (rows[name].to_numpy() for name in ("x_m", "y_m", "yaw_rad", "speed_mps", "tick"))
         late_m = np.where(tick % 2, 0.05 * speed, 0.0)
-        late = {"x_m": x - late_m * np.cos(yaw), "y_m": y - late_m * np.sin(yaw)}
+        late = {"x_m": on_grid(x - late_m * np.cos(yaw)), "y_m": on_grid(y - late_m * np.sin(yaw))}
         d.fill("observations", late, rollout_id=rollout_id)
         d.reroute(rollout_id)
 
@@ -222,7 +222,7 @@ def ticks_that_are_too_long_where_nobody_counts_contacts(d: Draft) -> None:
 
 @mutant("BD-RSP-007", base="bare", at={"column": "accel_longitudinal_mps2"})
 def accelerations_in_g(d: Draft) -> None:
-    d.set("observations", "accel_longitudinal_mps2", lambda value: value / 9.81)
+    d.set("observations", "accel_longitudinal_mps2", lambda value: 0.102 * value)
 
 
 @mutant("BD-RSP-007", base="bare", at={"column": "accel_lateral_mps2"})
@@ -238,9 +238,9 @@ def yaw_rate_of_the_other_sense(d: Draft) -> None:
 
 @mutant("BD-RSP-007", base="bare", at={"column": "yaw_rad"})
 def compass_that_is_five_degrees_off(d: Draft) -> None:
-    bias = math.radians(5)
-    d.set("observations", "yaw_rad", lambda yaw: math.remainder(yaw + bias, 2 * math.pi))
-    d.set("observations", "route_heading_error_rad", lambda yaw: math.remainder(yaw + bias, 2 * math.pi))
+    bias = float(angle_on_grid(math.radians(5)))
+    for column in ("yaw_rad", "route_heading_error_rad"):
+        d.set("observations", column, lambda yaw: float(angle_on_grid(yaw + bias)))
     _turn_targets(d, -bias)
 
 
@@ -251,8 +251,8 @@ def _turn_targets(d: Draft, angle: float) -> None:
         for row in rows:
             for number in (1, 2):
                 x, y = (row[f"target_point_{number}_{axis}_m"] for axis in ("x", "y"))
-                row[f"target_point_{number}_x_m"] = cos * x - sin * y
-                row[f"target_point_{number}_y_m"] = sin * x + cos * y
+                row[f"target_point_{number}_x_m"] = float(on_grid(cos * x - sin * y))
+                row[f"target_point_{number}_y_m"] = float(on_grid(sin * x + cos * y))
         shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)
 
 
@@ -263,18 +263,18 @@ def actors_with_yaw_clockwise(d: Draft) -> None:
 
 @mutant("BD-RSP-007", base="full", at={"table": "actors", "column": "yaw_rad"})
 def actors_that_crab(d: Draft) -> None:
-    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: math.remainder(yaw + math.radians(5), 2 * math.pi)))
+    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: float(angle_on_grid(yaw + math.radians(5)))))
 
 
 @boundary("BD-RSP-007", base="full")
 def actors_that_crab_a_little(d: Draft) -> None:
-    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: math.remainder(yaw + math.radians(2), 2 * math.pi)))
+    seen_again(d, lambda: d.set("actors", "yaw_rad", lambda yaw: float(angle_on_grid(yaw + math.radians(2)))))
 
 
 @mutant("BD-RSP-007", base="full", at={"table": "actors", "column": "vel_x_mps"})
 def actors_with_a_clock_that_is_a_tenth_slower(d: Draft) -> None:
     """No way between two observations is wrong by as much as a metre."""
-    seen_again(d, lambda: d.set("actors", ("vel_x_mps", "vel_y_mps"), lambda speed: speed / 1.1))
+    seen_again(d, lambda: d.set("actors", ("vel_x_mps", "vel_y_mps"), lambda speed: 0.91 * speed))
 
 
 @mutant("BD-RSP-007", base="bare", at={"table": "observations", "column": "x_m"})
@@ -309,7 +309,8 @@ def _ahead(d: Draft, by_m: float) -> None:
         rows = shard["observations"].to_pylist()
         for row in rows:
             yaw, (x, y) = row["yaw_rad"], lines[row["rollout_id"]]
-            row["x_m"], row["y_m"] = row["x_m"] + by_m * math.cos(yaw), row["y_m"] + by_m * math.sin(yaw)
+            row["x_m"] = float(on_grid(row["x_m"] + by_m * math.cos(yaw)))
+            row["y_m"] = float(on_grid(row["y_m"] + by_m * math.sin(yaw)))
             pose = (np.array([row[name]]) for name in ("x_m", "y_m", "yaw_rad"))
             row |= {name: values[0] for name, values in route_columns(*pose, (x, y)).items()}
         shard["observations"] = pa.Table.from_pylist(rows, shard["observations"].schema)

@@ -18,7 +18,7 @@ from tests.validator.engine.rules.case import (
 from tests.validator.engine.rules.cases.tracks import observed_at
 from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.testing.drive import Array
+from branchdrive.testing.drive import Array, on_grid
 
 MOTION = ("speed_mps", "accel_longitudinal_mps2", "accel_lateral_mps2", "yaw_rate_radps")
 
@@ -79,7 +79,7 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
     rows, route = d.take("observations", rollout_id=BRAKE), d.take("rollouts", rollout_id=BRAKE)
     dx, dy = (route[f"route_{axis}_m"][0].as_py()[-1] - rows[f"{axis}_m"].to_numpy() for axis in ("x", "y"))
     yaw = rows["yaw_rad"].to_numpy().astype(float)
-    ahead, left = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
+    ahead, left = on_grid(np.cos(yaw) * dx + np.sin(yaw) * dy), on_grid(np.cos(yaw) * dy - np.sin(yaw) * dx)
     d.fill("observations", dict(zip(TARGETS, (ahead, left, ahead, left), strict=True)), rollout_id=BRAKE)
 
 

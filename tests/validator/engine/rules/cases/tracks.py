@@ -14,6 +14,8 @@ from tests.validator.engine.rules.case import (
 )
 from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.testing.drive import on_grid
+
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
 
 
@@ -58,7 +60,7 @@ def ego_among_the_actors(d: Draft) -> None:
     columns = {
         **{name: rows[name].to_pylist() for name in ("rollout_id", "tick", "x_m", "y_m", "yaw_rad")}, **box,
         "actor_id": [99] * count, "actor_class": ["vehicle"] * count,
-        "vel_x_mps": speed * np.cos(yaw), "vel_y_mps": speed * np.sin(yaw),
+        "vel_x_mps": on_grid(speed * np.cos(yaw)), "vel_y_mps": on_grid(speed * np.sin(yaw)),
     }  # fmt: skip
     d.append("actors", to_table("actors", columns), folder=SHARD_0)
     _refresh(d)

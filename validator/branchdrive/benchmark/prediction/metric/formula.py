@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from branchdrive.benchmark.prediction.metric.error import PATH_ERRORS, GroupErrors
 from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
 from branchdrive.benchmark.prediction.metric.scale import Scale
-from branchdrive.statistics.bootstrap import counted_mean, ratio_of_sums
+from branchdrive.statistics.bootstrap import Design, counted_mean, ratio_of_sums
 
 __all__ = ["FORMULAS", "Formula", "Judged", "mean_over_groups"]
 
@@ -55,7 +55,7 @@ class Judged:
     predictions: Predictions
     errors: GroupErrors
     scale: Scale
-    counts: Array
+    counts: Array | Design
     bank_spearman: Array
     pooled_spearman: Array
 

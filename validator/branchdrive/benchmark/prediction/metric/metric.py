@@ -20,6 +20,7 @@ from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Prediction
 from branchdrive.benchmark.prediction.metric.scale import Scale
 from branchdrive.contract.metric import DECLARED_METRICS, DeclaredMetric
 from branchdrive.driving.target import TARGETS
+from branchdrive.statistics.bootstrap import Design
 from branchdrive.statistics.spearman import bank_spearman, pooled_spearman
 
 __all__ = ["HEADLINES", "METRICS", "METRICS_OF_TARGETS", "PAIRED_METRICS", "Metric", "MetricValues", "metric_values"]
@@ -89,7 +90,9 @@ class MetricValues(NamedTuple):
     contributes: NDArray[np.bool_]
 
 
-def metric_values(outcomes: Outcomes, predictions: Sequence[Predictions], scale: Scale, counts: Array) -> MetricValues:
+def metric_values(
+    outcomes: Outcomes, predictions: Sequence[Predictions], scale: Scale, counts: Array | Design
+) -> MetricValues:
     """All metrics of `predictions` under counts of groups ``[R, N]``.
 
     Raises:

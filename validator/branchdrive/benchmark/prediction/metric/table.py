@@ -166,7 +166,7 @@ def statistics(
             raise ValueError(f"model {model!r} has no prediction")
     resampling = design([clusters[i] for i in order], seed=seed, num_resamples=num_resamples)
     given = [predictions[model][key].take(order) for model, key in owners]
-    found = metric_values(outcomes.take(order), given, scale, resampling.counts) if given else None
+    found = metric_values(outcomes.take(order), given, scale, resampling) if given else None
     rows = {model: [i for i, owner in enumerate(owners) if owner[0] == model] for model in predictions}
     estimates = () if found is None else _estimates(found, rows, resampling)
     by_group = (
@@ -191,9 +191,9 @@ def compare(
     signs = draw_signs(len(differences), seed=seed, num_flips=num_flips)
     cluster_signs = draw_signs(len(clusters.names), seed=seed, num_flips=num_flips, stream=CLUSTER_STREAM)
     groups, whole = sign_flip(differences, signs), sign_flip(differences, cluster_signs, clusters)
-    parts = resampling.split(counted_mean(resampling.counts, differences))
+    parts = resampling.split(counted_mean(resampling, differences))
     ends = intervals(*parts, groups.num_units, whole.num_units)
-    studentised = studentised_p(differences, resampling.split(resampling.counts)[1])
+    studentised = studentised_p(differences, resampling.by_group.astype(np.float64))
     correlation = intra_cluster_correlation(differences, clusters)
     return tuple(
         Comparison(

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from tests.recipes.cell_difference import cell_operations, cell_values, equal_columns, extend, length
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES
-from branchdrive_conformance.cell_difference import cell_operations, cell_values, equal_columns, extend, length
 from branchdrive_conformance.table_operation import DICTIONARY, apply_to_table, encoded, read_table
 
 __all__ = ["TablesAlike", "equal_tables", "table_operations"]
@@ -108,7 +108,7 @@ def _cheapest(
         after: Its table in the changed dataset.
         others: Tables whose rows are taken too, by file; without any, rows are those of the table itself.
     """
-    candidates = []
+    candidates = [] if others else _sorted(before, after)
     for keep in _sources(path, before, after, others):
         operations: list[dict[str, Any]] = []
         table = before
@@ -122,6 +122,15 @@ def _cheapest(
         if equal_tables(table, after):
             candidates.append(operations)
     return min(candidates, key=length, default=None)
+
+
+def _sorted(before: pa.Table, after: pa.Table) -> list[list[dict[str, Any]]]:
+    """The order of one column that makes one table of the other."""
+    if len(before) != len(after) or before.schema != after.schema:
+        return []
+    keys = [name for name in before.column_names if not pa.types.is_list(before.schema.field(name).type)]
+    ways = [[{"op": "sort", "by": [name]}] for name in keys if not equal_columns(before[name], after[name])]
+    return [way for way in ways if equal_tables(apply_to_table(way[0], before, {}.__getitem__), after)]
 
 
 def _sources(path: str, before: pa.Table, after: pa.Table, others: Mapping[str, pa.Table]) -> Iterator[list[list[Any]]]:

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import jsonpatch
+from tests.recipes.byte_difference import parts_between
+from tests.recipes.table_difference import TablesAlike, table_operations
 
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive_conformance.recipe import Operation, sealed_digests
-from branchdrive_conformance.splice import parts_between
-from branchdrive_conformance.table_difference import TablesAlike, table_operations
 
 __all__ = ["manifest_edits", "recipe_between", "templated", "tree"]
 

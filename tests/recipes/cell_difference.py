@@ -21,6 +21,15 @@ _MAX_TRIED = 3
 _MAX_RANGES = 200
 """Ranges of rows to copy, with more of which nothing is shown."""
 
+_MAX_SHIFTS = 4
+"""Numbers that the rows of a column may be shifted by, each an operation of its own."""
+
+_MIN_TOLD_CHARACTERS = 60
+"""Rows whose numbers take fewer characters are not told by values."""
+
+_MAX_CONDITIONS = 3
+"""Columns by whose values rows are told."""
+
 _MAX_DISTINCT = 64
 """Values up to which each may be an operation of its own."""
 
@@ -64,6 +73,7 @@ def extend(ranges: list[list[Any]], row: int, file: Sequence[str | None]) -> Non
 def cell_operations(table: pa.Table, after: pa.Table) -> Iterator[dict[str, Any]]:
     """Operations that give the cells of one table those of another one with the same columns and rows."""
     columns = _Columns(table)
+    places = _Places(table, [name for name in table.column_names if equal_columns(table[name], after[name])])
     for name in table.column_names:
         old, new = table[name], after[name]
         if equal_columns(old, new):
@@ -71,10 +81,10 @@ def cell_operations(table: pa.Table, after: pa.Table) -> Iterator[dict[str, Any]
         kind, cells = new.type, new.to_pylist()
         texts = list(map(repr, cells))
         rows = [i for i, (one, other) in enumerate(zip(columns.texts(name), texts, strict=True)) if one != other]
-        start: dict[str, Any] = {"column": name, "rows": _ranges(rows)}
-        shared = _shared_change(old, new, rows)
-        if shared is not None:
-            yield {**start, **shared}
+        start: dict[str, Any] = {"column": name, **places.of(rows)}
+        shared = _shared_changes(old, new, rows)
+        if shared:
+            yield from ({"op": op, "column": name, **places.of(mine), "by": by} for op, by, mine in shared)
             columns.change(name, texts)
             continue
         ways: list[list[dict[str, Any]]] = [[{**start, "op": "set", **cell_values([cells[i] for i in rows], kind)}]]
@@ -83,17 +93,65 @@ def cell_operations(table: pa.Table, after: pa.Table) -> Iterator[dict[str, Any]
             by_value.setdefault(texts[row], []).append(row)
         if 1 < len(by_value) <= _MAX_DISTINCT:
             ways.append([
-                {"op": "set", "column": name, "rows": _ranges(mine), **cell_values([cells[mine[0]]], kind)}
+                {"op": "set", "column": name, **places.of(mine), **cell_values([cells[mine[0]]], kind)}
                 for mine in by_value.values()
             ])  # fmt: skip
         if len(rows) > 1:
             for other in sorted(table.column_names, key=lambda other: other != name):
-                is_alike = table.schema.field(other).type == kind
-                found = columns.taken(other, rows, [texts[i] for i in rows]) if is_alike else None
-                if found is not None:
-                    ways.append([{**start, "op": "set", "from": found, **({} if other == name else {"of": other})}])
+                if table.schema.field(other).type != kind:
+                    continue
+                of = {} if other == name else {"of": other}
+                beside = columns.beside(other, rows, texts)
+                found = columns.taken(other, rows, [texts[i] for i in rows]) if beside is None else None
+                if beside is not None:
+                    ways.append([{"op": "set", "column": name, **places.of(beside), **of}])
+                elif found is not None:
+                    ways.append([{**start, "op": "set", "from": found, **of}])
         yield from min(ways, key=length)
         columns.change(name, texts)
+
+
+class _Places:
+    """Says which rows are meant: by values of columns that do not change, or by their numbers, whichever is shorter."""
+
+    def __init__(self, table: pa.Table, names: Sequence[str]) -> None:
+        self._table, self._names = table, names
+        self._cells: dict[str, np.ndarray] = {}
+
+    def of(self, rows: Sequence[int]) -> dict[str, Any]:
+        """The member `where` or `rows` of an operation."""
+        ways = [{"rows": _ranges(rows)}]
+        if length(ways) > _MIN_TOLD_CHARACTERS and (wanted := self._wanted(np.asarray(rows))):
+            ways.append({"where": wanted})
+        return min(ways, key=lambda way: length([way]))
+
+    def _wanted(self, rows: np.ndarray) -> dict[str, Any] | None:
+        """Values that columns have in these rows and in no others; ``None`` where few columns do not tell them."""
+        mask, wanted = np.ones(len(self._table), bool), dict[str, Any]()
+        while mask.sum() > len(rows) and len(wanted) < _MAX_CONDITIONS:
+            conditions = [
+                (name, *way) for name in self._names if name not in wanted for way in self._conditions(name, rows)
+            ]
+            if not conditions:
+                return None
+            name, value, found = min(conditions, key=lambda one: ((mask & one[2]).sum(), len(json.dumps(one[1]))))
+            if not (mask & ~found).any():
+                return None
+            wanted[name], mask = value, mask & found
+        return wanted if mask.sum() == len(rows) else None
+
+    def _conditions(self, name: str, rows: np.ndarray) -> Iterator[tuple[Any, np.ndarray]]:
+        """Conditions on a column that hold in the rows, each with where it holds."""
+        kind = self._table.schema.field(name).type
+        if self._table[name].null_count or not (pa.types.is_string(kind) or pa.types.is_integer(kind)):
+            return
+        if name not in self._cells:
+            self._cells[name] = self._table[name].to_numpy()
+        cells = self._cells[name]
+        values = sorted(set(cells[rows].tolist()))
+        yield (values[0] if len(values) == 1 else values), np.isin(cells, values)
+        if len(values) > 1 and pa.types.is_integer(kind):
+            yield {"from": values[0], "to": values[-1]}, (values[0] <= cells) & (cells <= values[-1])
 
 
 class _Columns:
@@ -123,6 +181,16 @@ class _Columns:
             self._places[name] = places
         return self._places[name]
 
+    def beside(self, name: str, rows: Sequence[int], wanted: Sequence[str]) -> list[int] | None:
+        """Rows in which a column's cells are the wanted ones, in ranges that hold `rows`; ``None`` if not all are."""
+        if wanted[rows[0]] != self.texts(name)[rows[0]]:
+            return None
+        alike = [row for row, (one, other) in enumerate(zip(self.texts(name), wanted, strict=True)) if one == other]
+        if not set(rows) <= set(alike):
+            return None
+        taken = [span for span in _ranges(alike) if bisect_left(rows, span[1]) > bisect_left(rows, span[0])]
+        return [row for start, stop in taken for row in range(start, stop)]
+
     def taken(self, name: str, rows: Sequence[int], wanted: Sequence[str]) -> list[list[int]] | None:
         """Ranges of a column's cells that are the wanted ones; at each place the longest, ``None`` where none are."""
         texts = self.texts(name)
@@ -150,19 +218,21 @@ class _Columns:
         return found
 
 
-def _shared_change(before: pa.ChunkedArray, after: pa.ChunkedArray, rows: Sequence[int]) -> dict[str, Any] | None:
-    """The number that all values in some rows were multiplied by, or that was added to them."""
+def _shared_changes(
+    before: pa.ChunkedArray, after: pa.ChunkedArray, rows: Sequence[int]
+) -> list[tuple[str, float, list[int]]]:
+    """Operation, number and rows where values were multiplied by one number, or one of few was added; else nothing."""
     kind = after.type
     is_number = pa.types.is_floating(kind) or pa.types.is_integer(kind)
     if len(rows) < _MIN_ALIKE or not is_number:
-        return None
+        return []
     cells = [column.take(pa.array(rows)) for column in (before, after)]
     if any(column.null_count for column in cells):
-        return None
+        return []
     old, new = (column.to_numpy().astype(np.float64) for column in cells)
     largest = int(np.argmax(np.abs(old)))
     if not old[largest] or not np.isfinite(new).all():
-        return None
+        return []
     dtype = kind.to_pandas_dtype()
     ratio, difference = new[largest] / old[largest], new[largest] - old[largest]
     for name, change, number in (
@@ -170,8 +240,14 @@ def _shared_change(before: pa.ChunkedArray, after: pa.ChunkedArray, rows: Sequen
         ("shift", np.add, difference), ("shift", np.add, round(difference, 6)),
     ):  # fmt: skip
         if number and np.array_equal(change(old, number).astype(dtype), new.astype(dtype)):
-            return {"op": name, "by": float(number)}
-    return None
+            return [(name, float(number), list(rows))]
+    differences, owners = np.unique(new - old, return_inverse=True)
+    is_shifted = np.array_equal((old + differences[owners]).astype(dtype), new.astype(dtype))
+    if len(differences) > _MAX_SHIFTS or not is_shifted:  # of few numbers: angles are wrapped
+        return []
+    return [
+        ("shift", float(number), np.asarray(rows)[owners == place].tolist()) for place, number in enumerate(differences)
+    ]
 
 
 def cell_values(cells: list[Any], kind: pa.DataType) -> dict[str, Any]:
