@@ -18,6 +18,7 @@ MANIFEST, DESCRIPTOR, IGNORE = "MANIFEST.sha256", "branchdrive.json", ".branchdr
 _IDENTITY_TABLES = {f"{table}.parquet" for table in RAW_TABLES if table != "frames"}
 LAYERS = ("raw", "canonical", "quality", "model", "benchmark", "media")
 IDENTITY = LAYERS[:4]
+_PART = "([0-9]{5}|[1-9][0-9]{5,7})"
 PARTITIONS = ("train", "val", "calibration", "test")
 SHARD = re.compile(r"raw/shard-(?:[0-9]{5}|[1-9][0-9]{5,8})(?=/|$)")
 COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE}
@@ -321,8 +322,10 @@ def in_layer(layer: str, path: str, kind: str) -> bool:
         return any(expression.startswith(f"^{path}/") for expression in free)
     names = set(declared["documents"])
     for table, traits in declared["tables"].items():
-        parts = [f"-{name}" for name in PARTITIONS] if "divided_by" in traits else [""]
-        names |= {f"{table}{part}.parquet" for part in parts}
+        stem = f"{table}-({'|'.join(PARTITIONS)})" if "divided_by" in traits else table
+        is_of_groups = not {"group_id", "rollout_id"}.isdisjoint(traits["key"])
+        if re.fullmatch(stem + (f"-{_PART}" if is_of_groups else "") + r"\.parquet", path):
+            return True
     return path in names or any(re.search(expression, path) for expression in free)
 
 

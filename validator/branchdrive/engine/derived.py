@@ -100,7 +100,8 @@ def _unjudged(task: LayersTask, outcome: Died | Failed, reading: Reading) -> Lay
         f"judging {counted(groups, 'group')} with {counted(sum(task.num_rows.values()), 'row')} of derived tables took "
         f"more than {task.max_bytes / 2**30:.1f} GiB of memory"
     )
-    advice = "; allow more with `--dataset-memory`" if task.part is None else ""
+    is_whole = task.names == reading.tasks[0].names
+    advice = "; allow more with `--dataset-memory`" if is_whole else ""
     return LayersResult({rule_id: Tally(rule_id, unjudged=needed + advice, is_exceeded=True) for rule_id in task.rules})
 
 
