@@ -145,7 +145,8 @@ def test_many_polylines_have_the_feet_of_each(most_cells: int, monkeypatch: pyte
     """Bit for bit, for polylines of other lengths, the first without a point, however many are looked at at once."""
     monkeypatch.setattr("branchdrive.driving.route._MAX_CELLS", most_cells)
     rng = np.random.default_rng(11)
-    lines = [tuple(np.cumsum(rng.normal(1.0, 1.0, (2, length)), axis=1)) for length in (4, 2, 11, 12, 40)]
+    ways = [np.cumsum(rng.normal(1.0, 1.0, (2, length)), axis=1) for length in (4, 2, 11, 12, 40)]
+    lines = [(way[0], way[1]) for way in ways]
     polyline = rng.integers(1, len(lines), 60)
     x, y, reach = *rng.uniform(0, 20, (2, 60)), rng.uniform(0, 9, 60)
     point, position = Polylines(lines).feet_within(x, y, polyline, reach)
