@@ -86,8 +86,9 @@ def _every(checks: Iterable[Predicate]) -> Predicate:
             return only
         case [first, second]:
             return lambda value: first(value) and second(value)
-        case several:
-            return lambda value: all(check(value) for check in several)
+        case [first, second, *others]:
+            rest = _every(others)
+            return lambda value: first(value) and second(value) and rest(value)
 
 
 def _reference(name: str, pointer: str) -> Predicate:
