@@ -86,7 +86,8 @@ def _every(checks: Iterable[Predicate]) -> Predicate:
             return only
         case [first, second]:
             return lambda value: first(value) and second(value)
-        case [first, second, *others]:
+        case several:
+            first, second, *others = several
             rest = _every(others)
             return lambda value: first(value) and second(value) and rest(value)
 
