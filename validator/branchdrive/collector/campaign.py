@@ -110,7 +110,8 @@ def run_campaign(
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     begin_s = time.perf_counter()
-    missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
+    closed = writer.closed
+    missing = [plan for plan in plans if plan.group_id not in closed]
     num_found = len(plans) - len(missing)
     if writer.is_finished and missing:
         raise UsageError(
