@@ -183,6 +183,12 @@ class LayerFiles:
             if (file := table_file(str(found.location["file"]))) is not None:
                 self.broken[rule_id] = self.broken.get(rule_id, frozenset()) | {file.table}
 
+    def note_places(self, mismatches: Iterable[Mismatch]) -> None:
+        """Add files with rows that belong elsewhere; where records do, no other table is known to be in its place."""
+        self.note(_PLACES, mismatches)
+        if "records" in self.broken.get(_PLACES, ()):
+            self.broken[_PLACES] = frozenset(name for name, table in LAYER_TABLES.items() if table.is_of_groups)
+
 
 @dataclass
 class _Files:

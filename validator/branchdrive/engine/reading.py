@@ -173,7 +173,7 @@ def _joined(parts: Sequence[LayerFiles], reading: Reading, executor: Executor) -
                 reading.errors.append(f"derived layers: {outcome.message}")
             else:
                 layers.unjudged = f"finding {len(groups)} groups among the records took more memory than there is"
-    layers.note("BD-LYR-010", misplaced(layers, homes))
+    layers.note_places(misplaced(layers, homes))
     return layers
 
 

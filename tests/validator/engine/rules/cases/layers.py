@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 from tests.synthetic_release import TWINS
 from tests.validator.engine.datasets import parquet_bytes
 from tests.validator.engine.rules.case import boundary, mutant
@@ -14,8 +15,9 @@ from tests.validator.engine.rules.cases.files_tables import other_settings
 from tests.validator.engine.rules.release import BUILT, LEAKAGE, LEDGER, POPULATION, SPLIT, VARIANTS, ReleaseDraft
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.contract.layer import table_path
+from branchdrive.contract.layer import part_of, table_path
 from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import parts_of
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.defect import with_cells
 
@@ -352,6 +354,78 @@ def rows_in_the_file_of_a_partition_without_groups(d: ReleaseDraft) -> None:
         empty.write_bytes(content)
 
     d.before_seal(move)
+
+
+_PARTS = {"raw/shard-00001": "raw/shard-00063", "raw/shard-00002": "raw/shard-00064"}
+"""Folders of shards by their former names: neighbours, the second of which is of another part."""
+
+
+def _renumber(root: Path) -> None:
+    """Give shards other numbers, which the rows that name them have too."""
+    for old, new in reversed(_PARTS.items()):
+        (root / old).rename(root / new)
+    for name in ("records", "media_index"):
+        for partition in LAYER_TABLES[name].partitions or (None,):
+            path = root / table_path(name, partition)
+            rows = pq.read_table(path)
+            place = rows.schema.get_field_index("shard")
+            folders = [_PARTS.get(shard, shard) for shard in rows["shard"].to_pylist()]
+            named = pa.array(folders, pa.string())
+            path.write_bytes(encode_table(rows.set_column(place, rows.schema.field(place), named)))
+
+
+def _divide(root: Path) -> None:
+    """Give shards other numbers, and put the rows of their groups into the parts of these."""
+    _renumber(root)
+    records = pq.read_table(root / table_path("records")).to_pylist()
+    parts = {row["group_id"]: part_of(row["shard"]) for row in records if row["shard"] is not None}
+    for name, table in LAYER_TABLES.items():
+        for partition in table.partitions or (None,):
+            path = root / table_path(name, partition)
+            if table.is_of_groups and path.exists():
+                rows = pq.read_table(path)
+                path.unlink()
+                for file, part in parts_of(name, rows, parts).items():
+                    if len(part) or file == table_path(name, partition):
+                        (root / file).write_bytes(encode_table(part))
+
+
+@boundary(
+    "BD-LYR-010", "BD-LYR-001", "BD-LYR-009", "BD-CAN-001", "BD-QUA-003", "BD-FID-001", "BD-MOD-003", "BD-MOD-015"
+)
+def release_of_two_parts(d: ReleaseDraft) -> None:
+    d.before_seal(_divide)
+
+
+@mutant("BD-LYR-010", at={"file": table_path("records"), "column": "shard"})
+def records_in_the_part_of_another_shard(d: ReleaseDraft) -> None:
+    d.before_seal(_renumber)
+
+
+@mutant("BD-LYR-010", at={"file": table_path("attempt_quality", part=1), "column": "group_id", "row": 0})
+def rows_of_another_part(d: ReleaseDraft) -> None:
+    def move(root: Path) -> None:
+        _divide(root)
+        first, second = (root / table_path("attempt_quality", part=part) for part in (0, 1))
+        rows, others = pq.read_table(first), pq.read_table(second)
+        second.write_bytes(encode_table(pa.concat_tables([rows.slice(0, 1), others]).sort_by("rollout_id")))
+        first.write_bytes(encode_table(rows.slice(1)))
+
+    d.before_seal(move)
+
+
+@mutant("BD-LYR-010", at={"file": table_path("scalars", "train", 3)})
+def part_without_rows(d: ReleaseDraft) -> None:
+    def add(root: Path) -> None:
+        rows = pq.read_table(root / table_path("scalars", "train"))
+        (root / table_path("scalars", "train", 3)).write_bytes(encode_table(rows.slice(0, 0)))
+
+    d.before_seal(add)
+
+
+@mutant("BD-LYR-001", at={"file": table_path("pairs")})
+def table_without_a_part(d: ReleaseDraft) -> None:
+    d.before_seal(lambda root: (root / table_path("pairs")).unlink())
 
 
 # BD-LYR-011
