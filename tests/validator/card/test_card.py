@@ -26,10 +26,9 @@ from tests.validator.writer.invented import make_descriptor
 from branchdrive.card.card import render_card
 from branchdrive.card.licence import render_licence
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_pattern
 from branchdrive.quality.fidelity import with_passes
 from branchdrive.quality.ledger import with_round
-from branchdrive.quality.partition import PARTITIONS
 from branchdrive.quality.text import filtering_sentences
 from branchdrive.quality.variants import declared_variants, variants_document
 
@@ -194,9 +193,7 @@ def test_the_files_of_every_layer_are_described(release: Release) -> None:
     described = make_descriptor().model_copy(update={"layers": ("raw", *LAYERS)})
     text = render_card(described, SOURCE, *release, leakage=leakage(), filtering=EXAMPLES["filtering"])
     for layer in LAYERS.values():
-        names = dict.fromkeys(
-            re.sub(f"-({'|'.join(PARTITIONS)})[.]parquet", "-*.parquet", path) for path in layer.files
-        )
+        names = [*(f"{layer.name}/{name}" for name in layer.documents), *map(table_pattern, layer.tables)]
         for name in names if layer.name != "benchmark" else ():
             assert row(text, f"`{name}`".replace("*", ""))[0]
     assert "`raw/`" in text

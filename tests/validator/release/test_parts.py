@@ -180,7 +180,7 @@ def test_a_part_that_is_missing_is_missing_rows(copied: Path) -> None:
     assert {
         place["file"] for places in found.values() for place in places if place.get("table") == "group_quality"
     } == {path}
-    assert "BD-QUA-003" in found
+    assert "BD-QUA-005" in found
 
 
 def test_a_table_without_a_file_misses_its_first_part(copied: Path) -> None:
