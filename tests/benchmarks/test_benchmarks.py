@@ -9,7 +9,6 @@ import resource
 import subprocess
 import sys
 import tarfile
-import time
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
