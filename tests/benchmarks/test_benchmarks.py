@@ -177,7 +177,7 @@ def test_validation_is_measured_with_its_start_up_growth_memory_and_layers(
 
 def test_highway_env_runs_with_as_many_vehicles() -> None:
     pytest.importorskip("highway_env")
-    found = highway_env.compare(num_rollouts=2, num_ticks=20, repeats=1)
+    found = highway_env.compare(num_rollouts=1, num_ticks=5, repeats=1)
     assert found.their_vehicles == round(found.our_vehicles)
     assert found.ratio == found.ours_ticks_per_s / found.theirs_ticks_per_s > 0
 
