@@ -30,7 +30,7 @@ from tests.validator.engine.rules.release import ReleaseDraft
 
 from branchdrive.contract.resources import load_resource
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive.runtime.process import spawn_context
+from branchdrive.runtime.process import array_context
 from branchdrive_conformance.archive import BASES_FILE, base_files
 from branchdrive_conformance.case import (
     Case,
@@ -246,7 +246,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     base_files.cache_clear()
     names = [name for name in case_names() if name.startswith(args.select)]
     lots = [names[start : start + _LOT_CASES] for start in range(0, len(names), _LOT_CASES)]
-    with ProcessPoolExecutor(args.jobs, mp_context=spawn_context(for_arrays=True)) as pool:
+    with array_context() as context, ProcessPoolExecutor(args.jobs, mp_context=context) as pool:
         for made in track(
             pool.map(partial(_made, folder, is_afresh=args.afresh), lots), "cases", total=len(lots), transient=True
         ):
