@@ -9,16 +9,19 @@ import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.content_cache import kept
 
+from branchdrive.engine.report import Report
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
+from branchdrive.engine.validate import validate
 from branchdrive.runtime.executor import in_process
 
-__all__ = ["audit_once", "remember_audits", "remembering"]
+__all__ = ["audit_once", "remember_audits", "remembering", "validate_once"]
 
 _known: dict[str, bytes] = {}
 """Audits, each with what it put into its spool, pickled as between processes, by all that they depend on."""
@@ -64,3 +67,8 @@ def remembering(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterato
     with pytest.MonkeyPatch.context() as patch:
         remember_audits(patch)
         yield from in_process(function, tasks)
+
+
+def validate_once(root: Path | str, **options: Any) -> Report:
+    """`validate` by `audit_once`; not for tests that change what audits do."""
+    return validate(root, executor=remembering, **options)

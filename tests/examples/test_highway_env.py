@@ -25,6 +25,12 @@ def collector() -> Any:
     return module
 
 
+def with_interventions(described: bd.Descriptor, count: int) -> bd.Descriptor:
+    """The descriptor with a bank of the nominal policy and so many interventions."""
+    bank = bd.ActionBank(name="few", policies=described.action_bank.policies[: 1 + count])
+    return described.model_copy(update={"action_bank": bank, "action_encoding": None})
+
+
 def positions(world: Any, seed: int) -> list[tuple[float, float]]:
     run = drive(world, seed, bd.load_action_bank().nominal, max_ticks=60)
     return [(ego.x_m, ego.y_m) for ego in run.observations]
@@ -34,7 +40,7 @@ def test_a_group_of_a_merge_is_valid_and_qualifies(tmp_path: Path) -> None:
     module = collector()
     worlds = {"HighwayMerge": module.WORLDS["HighwayMerge"]}
     root, options = tmp_path / "dataset", {**module.options(), "num_replays": 1}
-    report = bd.collect_dataset(root, module.describe(1), worlds, num_groups=1, **options)
+    report = bd.collect_dataset(root, with_interventions(module.describe(1), 2), worlds, num_groups=1, **options)
     assert [group.unbranched_because for group in report.groups] == [""]
     verdict = bd.validate(root)
     assert (verdict.verdict, [finding.message for finding in verdict.findings]) == ("valid", [])
@@ -88,9 +94,7 @@ def test_filmed_groups_are_valid(tmp_path: Path) -> None:
     import examples.highway_env.filmed as filmed
 
     worlds, options = {"HighwayMerge": filmed.WORLDS["HighwayMerge"]}, {**collector().options(), "num_replays": 0}
-    described = filmed.describe(1)
-    bank = bd.ActionBank(name="two", policies=described.action_bank.policies[:2])
-    described = described.model_copy(update={"action_bank": bank, "action_encoding": None})
+    described = with_interventions(filmed.describe(1), 1)
     bd.collect_dataset(tmp_path / "dataset", described, worlds, num_groups=1, **options)
     verdict = bd.validate(tmp_path / "dataset")
     assert [finding.message for finding in verdict.findings if finding.rule.startswith("BD-FRM")] == []

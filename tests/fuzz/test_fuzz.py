@@ -23,7 +23,7 @@ from tests.waiting import PATIENCE_S
 
 from branchdrive.contract.columns import TABLES, table_schema
 
-NUM_CASES = 8
+NUM_CASES = 4
 
 
 @pytest.fixture(scope="module")

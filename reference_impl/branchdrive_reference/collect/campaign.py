@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from branchdrive.collector.campaign import check_begun, run_campaign
+from branchdrive.collector.part import WHOLE, Part
 from branchdrive.collector.report import CollectionReport
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.descriptor import (
@@ -48,6 +49,7 @@ def collect(
     faults: Mapping[str, float] | None = None,
     branches: Mapping[str, float] | None = None,
     scenario_types: Sequence[str] = (),
+    part: tuple[int, int] = WHOLE,
     jobs: int = 1,
     resume: bool = False,
     foresee: Callable[[DiskNeed], None] = unwatched,
@@ -63,6 +65,7 @@ def collect(
         faults: Rates of injected faults by name.
         branches: Shares of groups by the kind of branch that is asked for; the others branch at the manoeuvre.
         scenario_types: Scenario types to plan; all registered ones by default.
+        part: K and N, from 1: part K of N of the groups, whole shards.
         jobs: Worker processes; 1 works in this process.
         resume: Whether the folder must hold this collection already.
         foresee: Called with the room that the groups still take, before the first of them.
@@ -79,16 +82,17 @@ def collect(
     descriptor = collection_descriptor(
         seed, replay_noise=replay_noise, faults=faults, branches=branches, scenario_types=scenario_types
     )
+    places = Part(*part).places(num_groups, GROUPS_PER_SHARD)
     if not (root / DESCRIPTOR_FILE).exists():
         if resume:
             raise UsageError(f"{root}: holds no collection to resume; leave out --resume to begin one")
-        disk_need(root, num_groups, jobs=jobs).check(root)  # before anything is created
+        disk_need(root, len(places), jobs=jobs).check(root)  # before anything is created
     with DatasetWriter(root, descriptor, groups_per_shard=GROUPS_PER_SHARD, maps=town_maps()) as writer:
         planned = descriptor.collection
-        check_begun(writer, num_groups)
         with deferred_interrupt() as raise_if_noted:  # loading compiled code swallows interrupts
-            plans = [plan_group(seed, index, planned.scenario_types, planned.branches) for index in range(num_groups)]
+            plans = [plan_group(seed, place, planned.scenario_types, planned.branches) for place in places]
         raise_if_noted()
+        check_begun(writer, num_groups, plans)
 
         def prepare(num_missing: int) -> None:
             need = disk_need(root, num_missing, jobs=jobs)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.build import seed
 from branchdrive.cli.progress import Update, progress_bar
+from branchdrive.collector.part import WHOLE, Part
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
 from branchdrive.runtime.environment import extra
@@ -63,6 +64,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preset",
         choices=PRESETS,
         help=f"defaults of groups, branches, scenario types, replay noise and faults: {presets}; options override it",
+    )
+    what.add_argument(
+        "--part",
+        metavar="K/N",
+        type=Part.parse,
+        default=WHOLE,
+        help="collect part K of N of the groups, in whole shards; `branchdrive merge` makes one dataset of the N parts",
     )
     what.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the whole collection")
     what.add_argument(
@@ -133,7 +141,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             fit on its disk.
         PlatformError: The extra is not installed.
     """
+    from branchdrive_reference.collect.disk import GROUPS_PER_SHARD
+
     chosen = _choose(args)
+    num_groups = len(args.part.places(chosen.num_groups, GROUPS_PER_SHARD))
     if args.media:
         _load_renderer()
     report: CollectionReport | None = None
@@ -161,9 +172,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                         show = bar.enter_context(progress_bar(stderr, "collecting groups"))
                     raise_if_noted()
                 finished = groups
-                show(groups, chosen.num_groups, f"{ticks:,} ticks")
+                show(groups, num_groups, f"{ticks:,} ticks")
 
-            if not (args.media and _is_being_rendered(args, chosen)):
+            if not (args.media and _is_being_rendered(args, chosen, num_groups)):
                 report = collect(
                     args.out,
                     num_groups=chosen.num_groups,
@@ -172,17 +183,18 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                     faults=chosen.faults,
                     branches=chosen.branches,
                     scenario_types=chosen.scenario_types,
+                    part=args.part,
                     jobs=args.jobs or 1,
                     resume=args.resume,
                     foresee=foresee,
                     watch=note,
                 )
-            finished = chosen.num_groups
+            finished = num_groups
             bar.close()
             if args.media:
                 images = _render(args, bar.enter_context(progress_bar(stderr, "rendering groups")))
     except KeyboardInterrupt as interrupt:
-        progress = f"{finished} of {chosen.num_groups} groups are finished"
+        progress = f"{finished} of {num_groups} groups are finished"
         stderr.write(f"interrupted; {progress}. To go on, run: {_command_line(args)}\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
     stdout.write(_summary(args, report, images))
@@ -204,7 +216,7 @@ def _load_renderer() -> None:
     raise_if_noted()
 
 
-def _is_being_rendered(args: argparse.Namespace, chosen: _Choice) -> bool:
+def _is_being_rendered(args: argparse.Namespace, chosen: _Choice, num_groups: int) -> bool:
     """Whether all groups are there and some media, so that nothing is left to collect."""
     from branchdrive_reference.collect.campaign import collection_descriptor
     from branchdrive_reference.collect.media import is_being_rendered
@@ -216,7 +228,7 @@ def _is_being_rendered(args: argparse.Namespace, chosen: _Choice) -> bool:
         branches=chosen.branches,
         scenario_types=chosen.scenario_types,
     )
-    return is_being_rendered(args.out, descriptor, chosen.num_groups)
+    return is_being_rendered(args.out, descriptor, num_groups)
 
 
 def _render(args: argparse.Namespace, show: Update) -> RenderReport:
@@ -231,6 +243,7 @@ def _command_line(args: argparse.Namespace) -> str:
     options = {
         "--groups": args.groups,
         "--preset": args.preset,
+        "--part": None if args.part == WHOLE else args.part,
         "--seed": args.seed,
         "--jobs": args.jobs,
         "--replay-noise": args.replay_noise,

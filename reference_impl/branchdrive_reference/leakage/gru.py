@@ -1,28 +1,42 @@
-"""Recurrent classifier of actions for the paper's battery, with torch on one CPU thread.
+"""Recurrent classifier of actions for the paper's battery: its numbers, known without torch, and what fits it.
 
 A GRU reads the sequence of a replay, and a linear layer turns its last state into log-probabilities of the
-actions. It is fitted by Adam on cross entropy in batches of whole groups; the weights of the epoch with the
-least validation loss score, in float64, so that equal rows have equal scores. One seed gives one result on
-one machine.
+actions; see `branchdrive_reference.leakage.gru_fit`, which loads torch. A build states the numbers in one process
+and fits in another.
 
 Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" for the kind; sizes are this project's choice.
 """
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-
-import torch
-from torch import Tensor, nn
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
 
 from branchdrive.leakage.classifier import SequenceScores, SequenceTask
-from branchdrive.statistics.random_words import orders, words
-from branchdrive_reference.learning.adam import AdamW
-from branchdrive_reference.learning.execution import deterministic
 
 __all__ = ["GruClassifier", "gru"]
+
+
+def _torch_version() -> str:
+    """Version of torch as torch has it, from its file of that alone: loading the package takes seconds.
+
+    Raises:
+        ModuleNotFoundError: There is no torch.
+    """
+    package = find_spec("torch")
+    if package is None or package.origin is None:
+        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+    spec = spec_from_file_location("torch_version", Path(package.origin).with_name("version.py"))
+    if spec is None or spec.loader is None:
+        raise ModuleNotFoundError("torch has no file of its version", name="torch")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return str(module.__version__)
+
+
+_TORCH_VERSION = _torch_version()
 
 
 @dataclass(frozen=True)
@@ -46,7 +60,7 @@ class GruClassifier:
     @property
     def settings(self) -> Mapping[str, int | float | str]:
         """Everything that is fixed before data are seen."""
-        return {"name": "gru", "torch": str(torch.__version__), **asdict(self)}
+        return {"name": "gru", "torch": _TORCH_VERSION, **asdict(self)}
 
     def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
         """Log-probabilities of the rows to test.
@@ -55,57 +69,10 @@ class GruClassifier:
             task: Standardised sequences, each partition with at least one group.
             seed: Of weights and batches, below 2**64.
         """
-        with deterministic(), torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            train, val, test = (torch.from_numpy(part.copy()).float() for part in task)
-            network = _Network(train.shape[3], self.hidden, train.shape[1])
-            optimizer = AdamW(network.parameters())
-            best, best_loss, best_epoch, epoch = network.weights(), float("inf"), 1, 0
-            while epoch < self.max_epochs and epoch - best_epoch < self.patience:
-                epoch += 1
-                drawn = orders(words(seed, "leakage/gru/batches", 1, len(train), first_row=epoch))[0]
-                for groups in torch.from_numpy(drawn).split(self.batch_groups):
-                    optimizer.descend(network.loss(train[groups]), self.learning_rate)
-                with torch.no_grad():
-                    loss = float(network.loss(val))
-                if loss < best_loss:
-                    best, best_loss, best_epoch = network.weights(), loss, epoch
-            network.restore(best)
-            with torch.no_grad():
-                scores = network.double().log_probability(test.double())
-        return SequenceScores(scores.numpy(), epoch, best_epoch)
+        from branchdrive_reference.leakage.gru_fit import fitted_scores
+
+        return fitted_scores(self, task, seed=seed)
 
 
 gru = GruClassifier()
 """The classifier as the audit finds it."""
-
-
-class _Network:
-    """Recurrent layer and readout."""
-
-    def __init__(self, num_variables: int, hidden: int, num_classes: int) -> None:
-        self._layers = nn.ModuleDict(
-            {"recurrent": nn.GRU(num_variables, hidden, batch_first=True), "readout": nn.Linear(hidden, num_classes)}
-        )
-
-    def parameters(self) -> Iterator[nn.Parameter]:
-        return self._layers.parameters()
-
-    def weights(self) -> dict[str, Tensor]:
-        return copy.deepcopy(self._layers.state_dict())
-
-    def restore(self, weights: Mapping[str, Tensor]) -> None:
-        self._layers.load_state_dict(weights)
-
-    def double(self) -> _Network:
-        self._layers.double()
-        return self
-
-    def log_probability(self, rows: Tensor) -> Tensor:
-        """``[groups, actions, classes]`` of sequences ``[groups, actions, steps, variables]``."""
-        _, last = self._layers["recurrent"](rows.flatten(0, 1))
-        scores: Tensor = torch.log_softmax(self._layers["readout"](last[0]), dim=1)
-        return scores.reshape(rows.shape[0], rows.shape[1], -1)
-
-    def loss(self, rows: Tensor) -> Tensor:
-        return -self.log_probability(rows).diagonal(dim1=1, dim2=2).mean()

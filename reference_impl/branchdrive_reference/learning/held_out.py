@@ -7,7 +7,6 @@ Source: this project's choice.
 
 from __future__ import annotations
 
-from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +34,8 @@ class Fold(NamedTuple):
 def open_fold(release: ModelLayer | str | Path, fold: Fold) -> ModelLayer:
     """The model layer of a release with the groups of `fold` in the partition `HELD_OUT` instead of ``train``.
 
+    Folds of one layer read its tables once.
+
     Raises:
         UsageError: A group of the fold is not a training group.
         DatasetError: As `open_model`.
@@ -43,16 +44,4 @@ def open_fold(release: ModelLayer | str | Path, fold: Fold) -> ModelLayer:
     strange = sorted(set(fold.groups) - set(layer.groups("train")))
     if strange:
         raise UsageError(f"{layer.root}: fold {fold.number} holds out {strange[0]!r}, which is not a training group")
-    return _FoldLayer(layer, fold)
-
-
-class _FoldLayer(ModelLayer):
-    """A model layer whose training partition lacks the groups of a fold."""
-
-    def __init__(self, layer: ModelLayer, fold: Fold) -> None:
-        super().__init__(layer.folder, layer.descriptor)
-        self._fold = frozenset(fold.groups)
-
-    @cached_property
-    def _contexts(self) -> dict[str, str]:
-        return {group: HELD_OUT if group in self._fold else home for group, home in ModelLayer.home_of(self).items()}
+    return layer.with_partitions(dict.fromkeys(fold.groups, HELD_OUT))

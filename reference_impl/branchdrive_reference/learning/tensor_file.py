@@ -24,6 +24,7 @@ from branchdrive.runtime.environment import install_command
 try:
     import safetensors
     import safetensors.torch
+    import torch
     from torch import Tensor
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
@@ -71,7 +72,7 @@ def read_tensors(path: Path) -> TensorFile:
     try:
         about = _about(content)
         loaded = safetensors.torch.load(content)  # in an order of its own, another one in every process
-        tensors = {name: loaded[name].clone() for name in sorted(loaded)}
+        tensors = {name: _own(loaded[name]) for name in sorted(loaded)}
         document = about["document"]
         is_whole = isinstance(document, dict) and about == {
             "document": document,
@@ -82,6 +83,13 @@ def read_tensors(path: Path) -> TensorFile:
     if not is_whole:
         raise DatasetError(f"{path}: its content was changed after it was written; make it again")
     return TensorFile(document, tensors, hashlib.sha256(content).hexdigest())
+
+
+def _own(values: Tensor) -> Tensor:
+    """A copy in memory of torch; its own copying would wake all threads for each tensor."""
+    kept = torch.empty_like(values)
+    kept.numpy()[...] = values.numpy()
+    return kept
 
 
 def _about(content: bytes) -> Any:

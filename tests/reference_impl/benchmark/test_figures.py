@@ -8,9 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backend_bases import RendererBase
+from matplotlib.figure import Figure
 from tests.reference_impl.benchmark.small_release import contents, invoke
 from tests.sampling import THOROUGH
 
+from branchdrive_reference.benchmark.figure.canvas import render
+from branchdrive_reference.benchmark.figure.construction import draw_construction
 from branchdrive_reference.benchmark.figure.gallery import figures
 from branchdrive_reference.benchmark.guard.figure import draw_trade_off
 
@@ -93,3 +97,17 @@ def test_a_bit_identical_release_has_a_gate_without_tests() -> None:
 
 def test_nothing_is_drawn_from_nothing() -> None:
     assert figures(EMPTY, alpha=0.05) == {}
+
+
+def test_a_figure_is_laid_out_once_and_drawn_once_for_every_format(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    whole = Figure.draw
+
+    def draw(self: Figure, renderer: RendererBase) -> None:
+        drawn.append(type(renderer).__name__)
+        whole(self, renderer)
+
+    monkeypatch.setattr(Figure, "draw", draw)
+    files = render(draw_construction)
+    assert files.keys() == {"png", "svg"}
+    assert drawn == ["RendererAgg", "MixedModeRenderer"]

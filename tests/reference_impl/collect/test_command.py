@@ -188,6 +188,24 @@ def test_without_a_preset_nothing_is_switched_on(asked: dict[str, object]) -> No
     assert (asked["jobs"], asked["resume"]) == (1, False)
 
 
+def test_a_part_is_collected_and_an_interruption_counts_and_repeats_it(
+    asked: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = ["collect", "d", "--groups", 70, "--part", "3/3", "--seed", 4]
+    assert branchdrive(*given)[0] == 0
+    assert (asked["num_groups"], asked["part"]) == (70, (3, 3))
+
+    def interrupted(*_: object, watch: Callable[[int, int], None], **__: object) -> CollectionReport:
+        watch(4, 0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("branchdrive_reference.collect.campaign.collect", interrupted)
+    assert branchdrive(*given)[2] == (
+        "interrupted; 4 of 6 groups are finished. "
+        "To go on, run: branchdrive collect d --groups 70 --part 3/3 --seed 4\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "command"),
     [

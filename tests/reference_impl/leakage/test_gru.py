@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.validator.leakage.replays import changed, replay_inputs
 
 from branchdrive.leakage.audit import audit_leakage
-from branchdrive.leakage.classifier import SequenceTask, sequence_classifier
+from branchdrive.leakage.classifier import SequenceTask, Unavailable, sequence_classifier
 from branchdrive.leakage.protocol import SEQUENCE_TESTS, AuditProtocol, BatteryProtocol, GateProtocol
 from branchdrive.leakage.score import held_out_score
 
@@ -75,6 +79,23 @@ def test_torch_is_left_as_it_was() -> None:
     SMALL(task(), seed=1)
     assert torch.equal(torch.get_rng_state(), before)
     assert (torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()) == (threads, deterministic)
+
+
+def test_its_settings_are_known_without_torch() -> None:
+    code = (
+        "import json, sys\n"
+        "from branchdrive.leakage.classifier import sequence_classifier\n"
+        "print(json.dumps([dict(sequence_classifier().settings), 'torch' in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == [gru_module.gru.settings, False]
+    assert gru_module.gru.settings["torch"] == str(torch.__version__)
+
+
+def test_without_torch_it_is_missed_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.delitem(sys.modules, gru_module.__name__)
+    assert sequence_classifier() == Unavailable("needs the package `torch`, which the extra `models` brings")
 
 
 def test_the_audit_finds_it_and_runs_it() -> None:

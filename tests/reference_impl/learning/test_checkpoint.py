@@ -84,6 +84,12 @@ def test_it_comes_back_as_it_was(path: Path) -> None:
     assert not any(values.requires_grad for values in network.parameters())
 
 
+def test_reading_wakes_no_threads_of_torch(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for owner, name in ((torch, "isfinite"), (Tensor, "isfinite"), (Tensor, "clone")):
+        monkeypatch.setattr(owner, name, None)
+    assert read_checkpoint(path).provenance == ORIGIN
+
+
 def test_the_same_content_has_the_same_bytes(path: Path) -> None:
     before = path.read_bytes()
     assert write(path).read_bytes() == before

@@ -28,6 +28,19 @@ def test_its_groups_are_no_training_groups(release: Path) -> None:
         open_fold(release, Fold(1, ("g2", "g4")))
 
 
+def test_folds_read_no_table_again(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = open_model(release)
+    expected = open_fold(release, Fold(0, ("g2",))).sensor_inputs("train", normalised=True)
+    whole.sensor_inputs(normalised=True)
+    folds = [open_fold(whole, Fold(0, ("g2",))), open_fold(whole, Fold(1, ("g1",)))]
+    monkeypatch.delattr("branchdrive.model.reader.read_layer_table")
+    found = folds[0].sensor_inputs("train", normalised=True)
+    np.testing.assert_array_equal(found.state, expected.state)
+    np.testing.assert_array_equal(found.controls, expected.controls)
+    assert folds[1].groups(HELD_OUT) == ("g1",)
+    assert whole.groups("train") == ("g1", "g2", "g5")
+
+
 def test_folds_of_one_model_and_seed_train_side_by_side(release: Path, tmp_path: Path) -> None:
     folds = [Fold(0, ("g1",)), Fold(1, ("g2", "g5"))]
     tasks = [Task(SMALL["M1"], 11, fold) for fold in folds]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,12 @@ from tests.hostile_folder import infest, marks, run_command, run_module
 
 from branchdrive import validate
 
+OPTIONS = ("--jobs", 1, "--format", "json")
 
-def report_of(root: Path | str, cwd: Path) -> dict[str, Any]:
-    arguments = (root, "--jobs", 1, "--format", "json")
-    script = run_command("branchdrive-validate", *arguments, cwd=cwd, path="")
-    module = run_module("validate", *arguments, cwd=cwd)
-    assert (script.stderr, module.stderr, module.stdout) == ("", "", script.stdout)
-    return without_path(json.loads(script.stdout))
+
+def report_of(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert done.stderr == ""
+    return without_path(json.loads(done.stdout))
 
 
 def without_path(document: dict[str, Any]) -> dict[str, Any]:
@@ -31,6 +31,8 @@ def test_validate_runs_nothing_of_a_folder(valid_root: Path, tmp_path: Path) -> 
     outside = without_path(json.loads(json.dumps(validate(dataset).to_json())))
     assert outside["verdict"] == "invalid"
     assert {finding["rule"] for finding in outside["findings"]} == {"BD-LAY-004", "BD-LAY-009"}
-    assert [report_of(".", dataset), report_of("..", packages)] == [outside] * 2
-    assert report_of(valid_root, dataset)["verdict"] == "valid"
+    script = run_command("branchdrive-validate", ".", *OPTIONS, cwd=dataset, path="")
+    module = run_module("validate", "..", *OPTIONS, cwd=packages)
+    assert [report_of(script), report_of(module)] == [outside] * 2
+    assert report_of(run_module("validate", valid_root, *OPTIONS, cwd=dataset))["verdict"] == "valid"
     assert marks(marks_dir) == []

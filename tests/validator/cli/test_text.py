@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from tests import synthetic
+from tests.audits import validate_once
 from tests.mutation import new_draft
 from tests.validator.engine.datasets import DEPARTURES, edited, with_column, write
 from tests.validator.engine.test_report import HOSTILE, SITUATIONS
@@ -23,7 +24,6 @@ from branchdrive.cli.text import render, render_report, render_rule, render_rule
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted
 from branchdrive.engine.report import Report
-from branchdrive.engine.validate import validate
 from branchdrive.engine.waiver import Waiver
 from branchdrive.raw.funnel import Funnel
 from branchdrive.text.terminal import PLAIN_WIDTH
@@ -89,7 +89,7 @@ Structurally eligible       3
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.07 [+4.07, +4.07]
+accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.06 [+4.06, +4.06]
 accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]
 accelerate_0.80        3  -0.74 [-2.19, +0.72]  +7.43 [+7.43, +7.43]
 brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]
@@ -115,7 +115,7 @@ Verdict: valid - the dataset conforms to the specification; 3 of 3 groups qualif
 
 
 def test_a_valid_dataset_reads_like_this(valid_root: Path) -> None:
-    assert shown(validate(valid_root)) == VALID
+    assert shown(validate_once(valid_root)) == VALID
 
 
 INVALID = f"""\
@@ -161,7 +161,7 @@ g1     Controls valid  does not hold: Applied control equals the online expert w
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.07 [+4.07, +4.07]
+accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.06 [+4.06, +4.06]
 accelerate_0.50        2  -0.94 [-2.77, +0.90]  +5.41 [+5.41, +5.41]
 accelerate_0.80        2  -1.11 [-3.28, +1.07]  +7.43 [+7.43, +7.43]
 brake_0.30             2  +0.03 [-0.03, +0.08]  -2.00 [-2.00, -2.00]
@@ -189,7 +189,7 @@ Verdict: invalid - the dataset breaks the specification; 1 of 3 groups qualify
 
 
 def test_an_invalid_dataset_reads_like_this(invalid_root: Path) -> None:
-    text = shown(validate(invalid_root, require_groups=2))
+    text = shown(validate_once(invalid_root, require_groups=2))
     text = re.sub(r"in [0-9,]+ rows", "in EXAMINED rows", text)
     text = re.sub(r"expected steer [^;]*; found\s+steer\s+\S+\s+throttle\s+\S+\s+brake\s+0.75", "COMMANDS", text)
     text = re.sub(r"\S+, throttle \S+, brake 0.75\n", "COMMANDS\n", text)
@@ -202,7 +202,7 @@ def test_waivers_are_printed(tmp_path: Path) -> None:
         Waiver("BD-VAL-002", "*", "a [bold]sensor[/] that saturates", date(2999, 1, 1), 2),
         Waiver("BD-VAL-001", "*", "no longer needed", date(2020, 1, 1), 1),
     ]
-    text = shown(validate(root, waivers=waivers))
+    text = shown(validate_once(root, waivers=waivers))
     assert "BD-VAL-002  Values lie in their declared range (waived): 1 violation" in text
     assert "BD-VAL-002 at *: used, 1 of at most 2, until 2999-01-01 - a [bold]sensor[/] that saturates" in text
     assert "BD-VAL-001 at *: expired, 0 of at most 1, until 2020-01-01; the rule" in text
@@ -213,7 +213,7 @@ def test_waivers_are_printed(tmp_path: Path) -> None:
 
 def test_an_unused_waiver_says_what_it_was_compared_with(tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
-    report = validate(root, waivers=[Waiver("BD-VAL-002", "rollout_id=g0*", "a guess", date(2999, 1, 1), 2)])
+    report = validate_once(root, waivers=[Waiver("BD-VAL-002", "rollout_id=g0*", "a guess", date(2999, 1, 1), 2)])
     text = " ".join(shown(report).split())
     assert "unused, 0 of at most 2, until 2999-01-01; compared with 1 location, the first of them file=raw/" in text
 
@@ -222,20 +222,20 @@ def test_companions_are_counted(tmp_path: Path) -> None:
     root = write(tmp_path / "dataset")
     (root / "notes.txt").write_text("notes")
     (root / ".branchdriveignore").write_text("notes.txt\n")
-    report = validate(root)
+    report = validate_once(root)
     assert report.dataset.num_beside
     for text in (shown(report), renderer("markdown")(report)):
         assert f", {counted(report.dataset.num_beside, 'companion')} not looked at\n" in text
 
 
 def test_one_group_qualifies(valid_root: Path) -> None:
-    report = validate(valid_root)
+    report = validate_once(valid_root)
     report = replace(report, funnel=Funnel(1), dataset=replace(report.dataset, num_groups=1))
     assert headline(report).endswith("; 1 of 1 group qualifies")
 
 
 def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
-    text = shown(validate(valid_root, hash_files=False, ignore=["BD-CTL", "BD-DOC-004"]))
+    text = shown(validate_once(valid_root, hash_files=False, ignore=["BD-CTL", "BD-DOC-004"]))
     assert "Funnel: not judged" in text
     assert "skipped: digests were not computed - BD-LAY-002" in text
     assert "skipped: deselected - BD-DOC-004, BD-CTL-001, BD-CTL-002, BD-CTL-003, BD-CTL-004, BD-CTL-005 and" in text
@@ -245,7 +245,7 @@ def test_what_was_not_judged_is_printed(valid_root: Path) -> None:
 
 def test_declared_tolerances_stand_beside_the_verdict(tmp_path: Path) -> None:
     descriptor = {**synthetic.descriptor(), "tolerances": {"actuator": 0.015625, "evidence": 1e-6}}
-    report = validate(write(tmp_path / "dataset", document=descriptor))
+    report = validate_once(write(tmp_path / "dataset", document=descriptor))
     assert "  declared tolerance of actuator: 0.015625 instead of 0.0\n" in shown(report)
     assert report.to_json()["dataset"]["tolerances"] == {"actuator": 0.015625, "evidence": 1e-6}
 
@@ -255,7 +255,7 @@ def test_what_the_dataset_leaves_out_stands_beside_the_verdict(tmp_path: Path) -
     draft.descriptor["unrecorded"] = ["observations.speed_limit_mps"]
     draft.set("observations", "speed_limit_mps", None)
     draft.set("rollouts", "attempt", 8, rollout_id=["g0.brake_0.50.a1", "g1.brake_0.50.a1"])
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = validate_once(draft.write(tmp_path / "dataset"))
     lines = (
         "replay noise declared as natural",
         "1 column not recorded: `observations.speed_limit_mps`",
@@ -269,7 +269,7 @@ def test_what_the_dataset_leaves_out_stands_beside_the_verdict(tmp_path: Path) -
 def test_left_out_findings_are_counted_in_rows_where_rows_are_counted(tmp_path: Path) -> None:
     columns = ("expert_brake", "expert_steer", "expert_throttle")
     tables = edited("controls", lambda t: reduce(lambda t, column: with_column(t, column, [9.0] * len(t)), columns, t))
-    report = validate(write(tmp_path / "dataset", tables))
+    report = validate_once(write(tmp_path / "dataset", tables))
     (tally,) = (tally for tally in report.tallies if tally.rule_id == "BD-VAL-002")
     assert {finding.count for finding in tally.findings} == {201}
     parts = folded(tally.findings)
@@ -302,7 +302,7 @@ def test_text_on_a_terminal_is_coloured_by_the_validator_alone(report: Report) -
 def test_text_of_a_dataset_is_shown_literally(tmp_path: Path) -> None:
     ids = [f"[red]{i}[/red]:smile:\\[x]" for i in range(31)]
     tables = edited("rollouts", lambda t: with_column(t, "rollout_id", ids))
-    text = shown(validate(write(tmp_path / "dataset", tables)))
+    text = shown(validate_once(write(tmp_path / "dataset", tables)))
     assert "rollout_id=[red]0[/red]:smile:\\[x]" in text
 
 
@@ -337,7 +337,7 @@ def test_colours_are_those_that_the_user_wants(
     valid_root: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    report = validate(valid_root, select=["BD-LAY"])
+    report = validate_once(valid_root, select=["BD-LAY"])
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():

@@ -50,3 +50,13 @@ class BrittleRoad(ShortRoad):
 
 def descriptor(**fields: Any) -> bd.Descriptor:
     return bd.describe("test", seed=3, simulator=("straight-road", "1"), collector=("test", "1"), **fields)
+
+
+NUM_FEW = 3
+
+
+def few_policies(**fields: Any) -> bd.Descriptor:
+    """The same with the nominal policy and `NUM_FEW` interventions, for tests of what is done with any policy."""
+    described = descriptor(**fields)
+    bank = bd.ActionBank(name="few", policies=described.action_bank.policies[: 1 + NUM_FEW])
+    return described.model_copy(update={"action_bank": bank, "action_encoding": None})

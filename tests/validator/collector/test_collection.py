@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.validator.collector.straight import BrittleRoad, EmptyRoad, ShortRoad, descriptor
+from tests.validator.collector.straight import NUM_FEW, BrittleRoad, EmptyRoad, ShortRoad, few_policies
 
 import branchdrive as bd
 from branchdrive.collector.collection import plan_groups
@@ -17,14 +17,14 @@ from branchdrive.collector.report import CLUSTERS_TO_CONCLUDE
 from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.statistics.split import assign_split
 
-ROLES = {"nominal": 1, "intervention": 12, "nominal_replay": 2}
+ROLES = {"nominal": 1, "intervention": NUM_FEW, "nominal_replay": 2}
 
 
 @pytest.fixture(scope="module")
 def collected(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bd.CollectionReport]:
     root = tmp_path_factory.mktemp("collected") / "dataset"
     worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
-    return root, bd.collect_dataset(root, descriptor(), worlds, num_groups=3)
+    return root, bd.collect_dataset(root, few_policies(), worlds, num_groups=3)
 
 
 def rollouts(root: Path) -> list[dict[str, Any]]:
@@ -71,7 +71,7 @@ def test_a_seed_without_a_branch_leaves_its_nominal_and_a_reason(collected: tupl
 def test_chosen_groups_are_the_same_in_any_order(tmp_path: Path, collected: tuple[Path, bd.CollectionReport]) -> None:
     worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
     only = ["g00002-parked-car", "g00001-empty"]
-    bd.collect_dataset(tmp_path / "dataset", descriptor(), worlds, num_groups=3, only=only)
+    bd.collect_dataset(tmp_path / "dataset", few_policies(), worlds, num_groups=3, only=only)
     whole, chosen = bd.open_dataset(collected[0]), bd.open_dataset(tmp_path / "dataset")
     assert sorted({row["group_id"] for row in rollouts(tmp_path / "dataset")}) == sorted(only)
     x_m = [dataset.group(only[0]).nominal.column("observations", "x_m") for dataset in (whole, chosen)]
@@ -83,7 +83,7 @@ def test_chosen_groups_are_the_same_in_any_order(tmp_path: Path, collected: tupl
 )
 def test_chosen_groups_exist_once(tmp_path: Path, only: list[str], found: str) -> None:
     with pytest.raises(bd.UsageError, match=found):
-        bd.collect_dataset(tmp_path, descriptor(), {"Empty": EmptyRoad}, num_groups=1, only=only)
+        bd.collect_dataset(tmp_path, few_policies(), {"Empty": EmptyRoad}, num_groups=1, only=only)
 
 
 def test_replays_equal_their_nominal(collected: tuple[Path, bd.CollectionReport]) -> None:
@@ -98,7 +98,7 @@ def test_a_kill_between_rollouts_changes_nothing(tmp_path: Path, collected: tupl
         pass
 
     class Dying(ShortRoad):
-        left = 5
+        left = 4
 
         def reset(self, seed: int) -> bd.Scene:
             Dying.left -= 1
@@ -108,22 +108,22 @@ def test_a_kill_between_rollouts_changes_nothing(tmp_path: Path, collected: tupl
 
     root, worlds = tmp_path / "dataset", {"Parked Car": ShortRoad, "Empty": EmptyRoad}
     with pytest.raises(KilledError):
-        bd.collect_dataset(root, descriptor(), {**worlds, "Parked Car": Dying}, num_groups=3)
-    report = bd.collect_dataset(root, descriptor(), worlds, num_groups=3)
+        bd.collect_dataset(root, few_policies(), {**worlds, "Parked Car": Dying}, num_groups=3)
+    report = bd.collect_dataset(root, few_policies(), worlds, num_groups=3)
     assert report.identity == collected[1].identity
-    assert (report.groups[0].num_reused, report.groups[0].num_simulated) == (5, 10)
+    assert (report.groups[0].num_reused, report.groups[0].num_simulated) == (4, sum(ROLES.values()) - 4)
 
 
 def test_worker_processes_write_the_same_bytes(tmp_path: Path, collected: tuple[Path, bd.CollectionReport]) -> None:
     worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
-    report = bd.collect_dataset(tmp_path / "dataset", descriptor(), worlds, num_groups=3, jobs=2)
+    report = bd.collect_dataset(tmp_path / "dataset", few_policies(), worlds, num_groups=3, jobs=2)
     assert (report.identity, report.num_workers) == (collected[1].identity, 2)
 
 
 def test_failed_attempts_are_kept_and_made_again(tmp_path: Path) -> None:
     """The second rollout fails twice, then three attempts at the third policy, which ends the group."""
     root = tmp_path / "dataset"
-    report = bd.collect_dataset(root, descriptor(), {"Parked": BrittleRoad}, num_groups=1)
+    report = bd.collect_dataset(root, few_policies(), {"Parked": BrittleRoad}, num_groups=1)
     made = [(row["action_key"], row["attempt"], row["status"]) for row in rollouts(root)]
     assert made == [
         ("accelerate_0.30", 1, "partial"),
@@ -146,14 +146,14 @@ def test_a_start_that_failed_leaves_nothing_in_the_way_of_the_next(tmp_path: Pat
 
     root = tmp_path / "dataset"
     with pytest.raises(bd.UsageError, match="not yet"):
-        bd.collect_dataset(root, descriptor(), {"Parked": Unready}, num_groups=2, groups_per_shard=4)
-    changed = descriptor(title="Another title", streams=("ego_route_state", "controls", "route_result"))
+        bd.collect_dataset(root, few_policies(), {"Parked": Unready}, num_groups=2, groups_per_shard=4)
+    changed = few_policies(title="Another title", streams=("ego_route_state", "controls", "route_result"))
     worlds = {"Car": ShortRoad}
     again = bd.collect_dataset(root, changed, worlds, num_groups=1)
     assert bd.open_dataset(root).groups == ("g00000-car",)
     assert again.identity == bd.collect_dataset(tmp_path / "fresh", changed, worlds, num_groups=1).identity
     with pytest.raises(bd.UsageError, match="holds a dataset with another descriptor"):
-        bd.collect_dataset(root, descriptor(), worlds, num_groups=1)
+        bd.collect_dataset(root, few_policies(), worlds, num_groups=1)
 
 
 def test_the_summary_says_how_many_route_clusters_there_are(collected: tuple[Path, bd.CollectionReport]) -> None:
@@ -185,7 +185,7 @@ def test_a_nominal_that_breaks_a_rule_on_the_map_costs_no_replays(tmp_path: Path
     roads = [bd.lane_element(f"lane-{y}", [-100.0, 400.0], [y, y], 10.5, 13.5) for y in range(0, 4000, 100)]
     streams = ("ego_route_state", "actor_risk_evidence", "controls", "route_result", "map")
     report = bd.collect_dataset(
-        tmp_path / "dataset", descriptor(streams=streams), {"Lit": LitRoad}, num_groups=1,
+        tmp_path / "dataset", few_policies(streams=streams), {"Lit": LitRoad}, num_groups=1,
         maps={"StraightRoad": roads},
     )  # fmt: skip
     assert report.groups[0].refused_because.startswith("BD-MAP-009")
@@ -195,36 +195,36 @@ def test_a_nominal_that_breaks_a_rule_on_the_map_costs_no_replays(tmp_path: Path
 def test_a_finished_dataset_stays_as_it_is(collected: tuple[Path, bd.CollectionReport]) -> None:
     root, report = collected
     worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}
-    again = bd.collect_dataset(root, descriptor(), worlds, num_groups=3)
+    again = bd.collect_dataset(root, few_policies(), worlds, num_groups=3)
     assert (again.identity, again.groups, again.num_found) == (report.identity, (), 3)
     with pytest.raises(bd.UsageError, match="is a finished dataset of 3 groups, which stays as it is"):
-        bd.collect_dataset(root, descriptor(), worlds, num_groups=4)
+        bd.collect_dataset(root, few_policies(), worlds, num_groups=4)
     with pytest.raises(bd.UsageError, match="has begun 3 groups, more than the 2 asked for"):
-        bd.collect_dataset(root, descriptor(), worlds, num_groups=2)
+        bd.collect_dataset(root, few_policies(), worlds, num_groups=2)
 
 
 @pytest.mark.parametrize(("worlds", "num_groups"), [({}, 1), ({"A": ShortRoad}, 0)])
 def test_nothing_to_collect_is_refused(tmp_path: Path, worlds: Any, num_groups: int) -> None:
     with pytest.raises(bd.UsageError, match="takes a world and a group"):
-        bd.collect_dataset(tmp_path / "dataset", descriptor(), worlds, num_groups=num_groups)
+        bd.collect_dataset(tmp_path / "dataset", few_policies(), worlds, num_groups=num_groups)
     assert not (tmp_path / "dataset").exists()
 
 
 def test_one_group_alone(tmp_path: Path) -> None:
-    with bd.DatasetWriter(tmp_path / "dataset", descriptor()) as writer:
+    with bd.DatasetWriter(tmp_path / "dataset", few_policies()) as writer:
         with writer.begin_group("one") as group:
             report = bd.collect_group(
-                group, descriptor(), ShortRoad, scenario_type="Parked", seed=5, num_replays=0, max_ticks=400
+                group, few_policies(), ShortRoad, scenario_type="Parked", seed=5, num_replays=0, max_ticks=400
             )
         writer.finalize()
-    assert (report.num_simulated, report.unbranched_because) == (13, "")
+    assert (report.num_simulated, report.unbranched_because) == (1 + NUM_FEW, "")
     assert {row["seed"] for row in rollouts(tmp_path / "dataset")} == {5}
 
 
 def test_the_program_says_what_it_did_and_what_comes_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = tmp_path / "dataset"
     arguments = [str(root), "--groups", "1", "--seed", "9"]
-    assert collector_main(lambda _: descriptor(), {"Empty": EmptyRoad}, arguments) == 0
+    assert collector_main(lambda _: few_policies(), {"Empty": EmptyRoad}, arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[2] == "groups    1 collected: 0 with a branch, 1 without, 0 refused; 0 found finished"
     assert lines[4].startswith("          g00000-empty has no branch: the trigger found no manoeuvre")
@@ -244,7 +244,7 @@ def test_a_nominal_that_breaks_a_rule_is_refused_and_counted_apart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     root = tmp_path / "dataset"
-    assert collector_main(lambda _: descriptor(), {"Parked": DriftingRoad}, [str(root)]) == 0
+    assert collector_main(lambda _: few_policies(), {"Parked": DriftingRoad}, [str(root)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[2] == "groups    1 collected: 0 with a branch, 0 without, 1 refused; 0 found finished"
     assert lines[4].startswith("          g00000-parked is refused: BD-MOT-001 ")
@@ -260,7 +260,7 @@ def test_ten_groups_are_told_and_the_others_counted() -> None:
 
 def test_the_program_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "other.txt").write_text("mine")
-    assert collector_main(lambda _: descriptor(), {"Empty": EmptyRoad}, [str(tmp_path)]) == 2
+    assert collector_main(lambda _: few_policies(), {"Empty": EmptyRoad}, [str(tmp_path)]) == 2
     assert capsys.readouterr().err.endswith("is not empty and holds no dataset; choose another folder\n")
 
 
@@ -269,5 +269,5 @@ def test_an_interrupted_program_says_how_to_go_on(tmp_path: Path, capsys: pytest
         def reset(self, seed: int) -> bd.Scene:
             raise KeyboardInterrupt
 
-    assert collector_main(lambda _: descriptor(), {"A": Interrupted}, [str(tmp_path / "dataset")]) == 130
+    assert collector_main(lambda _: few_policies(), {"A": Interrupted}, [str(tmp_path / "dataset")]) == 130
     assert capsys.readouterr().err.endswith("interrupted; run the same command to go on\n")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.validator.collector.straight import EmptyRoad, ShortRoad, descriptor
+from tests.validator.collector.straight import NUM_FEW, EmptyRoad, ShortRoad, few_policies
 from tests.validator.formats.image_files import png
 from tests.validator.writer.invented import camera
 
@@ -17,7 +17,7 @@ from branchdrive.contract.timing import WINDOW_OFFSETS
 
 STREAMS = ("ego_route_state", "actor_risk_evidence", "controls", "route_result", "rgb_top_down")
 TOP_DOWN = camera("top_down", "rgb_top_down")
-FILMED = descriptor(streams=STREAMS, cameras=(TOP_DOWN,))
+FILMED = few_policies(streams=STREAMS, cameras=(TOP_DOWN,))
 
 
 def shot(tick: int) -> bytes:
@@ -80,7 +80,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> bd.Dataset:
 
 def test_images_cover_the_windows_of_every_rollout(filmed: bd.Dataset) -> None:
     group = filmed.group(filmed.groups[0])
-    assert len(group.rollouts) == 13
+    assert len(group.rollouts) == 1 + NUM_FEW
     for rollout in group.rollouts:
         assert rollout.branch_tick is not None
         frames = rollout.frames("top_down")
@@ -89,7 +89,7 @@ def test_images_cover_the_windows_of_every_rollout(filmed: bd.Dataset) -> None:
 
 
 def test_the_structured_part_is_that_of_a_world_without_cameras(filmed: bd.Dataset, tmp_path: Path) -> None:
-    plain = collect(tmp_path / "plain", FilmedRoad, descriptor(streams=STREAMS[:-1]))
+    plain = collect(tmp_path / "plain", FilmedRoad, few_policies(streams=STREAMS[:-1]))
     names = [path.relative_to(plain.root) for path in plain.root.rglob("*.parquet") if path.stem != "rollouts"]
     assert names
     assert all((plain.root / name).read_bytes() == (filmed.root / name).read_bytes() for name in names)
@@ -105,7 +105,7 @@ def test_all_saved_observations_are_filmed_on_request(tmp_path: Path) -> None:
 def test_a_recommendation_on_images_is_a_note_and_costs_no_group(tmp_path: Path) -> None:
     report = bd.collect_dataset(tmp_path / "dataset", FILMED, {"Parked": StillRoad}, num_groups=1, num_replays=0)
     (group,) = report.groups
-    assert (group.num_simulated, group.unbranched_because, group.refused_because) == (13, "", "")
+    assert (group.num_simulated, group.unbranched_because, group.refused_because) == (1 + NUM_FEW, "", "")
     assert group.note.startswith("BD-FRM-010 Images follow the drive: ")
     verdict = bd.validate(tmp_path / "dataset")
     assert verdict.funnel is not None

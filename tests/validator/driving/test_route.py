@@ -10,7 +10,7 @@ import shapely
 from tests.validator.driving.oracle import boxes, polygons
 
 from branchdrive.driving.box import Boxes
-from branchdrive.driving.route import feet_within, points_near, polyline_box_distance_m, project
+from branchdrive.driving.route import Polylines, feet_within, points_near, polyline_box_distance_m, project
 
 NUM_BOXES = 300
 
@@ -138,6 +138,23 @@ def test_feet_within_reach_are_all_that_are_near() -> None:
     point, position = feet_within(*points.T, x, y, reach)
     assert np.bincount(point, minlength=200).tolist() == (distance <= reach[:, None]).sum(axis=1).tolist()
     assert (np.abs(position.offset_m) <= reach[point]).all()
+
+
+@pytest.mark.parametrize("most_cells", [1 << 20, 30])
+def test_many_polylines_have_the_feet_of_each(most_cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit, for polylines of other lengths, the first without a point, however many are looked at at once."""
+    monkeypatch.setattr("branchdrive.driving.route._MAX_CELLS", most_cells)
+    rng = np.random.default_rng(11)
+    ways = [np.cumsum(rng.normal(1.0, 1.0, (2, length)), axis=1) for length in (4, 2, 11, 12, 40)]
+    lines = [(way[0], way[1]) for way in ways]
+    polyline = rng.integers(1, len(lines), 60)
+    x, y, reach = *rng.uniform(0, 20, (2, 60)), rng.uniform(0, 9, 60)
+    point, position = Polylines(lines).feet_within(x, y, polyline, reach)
+    for i in range(60):
+        _, expected = feet_within(x[[i]], y[[i]], *lines[polyline[i]], reach[[i]])
+        for found, of_one in zip(position, expected, strict=True):
+            assert np.array_equal(np.sort(found[point == i]), np.sort(of_one))
+    assert len(point) > 60
 
 
 def test_no_points_have_no_position() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tests.audits import validate_once
 from tests.mutation import new_draft
 from tests.validator.engine import datasets
 
@@ -12,13 +13,12 @@ from branchdrive.cli.funnel import funnel_table
 from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.group_result import GroupResult
-from branchdrive.engine.validate import validate
 from branchdrive.raw.funnel import Funnel, GroupOutcome
 
 
 def test_every_group_is_listed_with_what_it_lacks(tmp_path: Path) -> None:
     tables = datasets.DEPARTURES["another command applied"].tables()
-    report = validate(datasets.write(tmp_path / "dataset", tables))
+    report = validate_once(datasets.write(tmp_path / "dataset", tables))
     assert report.groups is not None and report.funnel is not None
     lost = [group for group in report.groups if not group.qualifies]
     assert sorted(group.group_id for group in report.groups) == ["g0", "g1", "g2"]
@@ -40,13 +40,13 @@ def test_a_group_without_an_action_says_which(tmp_path: Path) -> None:
     draft = new_draft()
     draft.set("rollouts", "status", "partial", rollout_id="g0.brake_1.00.a1")
     draft.set("rollouts", "status_reason", "out of fuel", rollout_id="g0.brake_1.00.a1")
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = validate_once(draft.write(tmp_path / "dataset"))
     (reason,) = (group.reason for group in report.groups or () if not group.qualifies)
     assert reason.endswith(": found no complete attempt of brake_1.00")
 
 
 def test_findings_on_rows_tell_the_reason_of_their_group(tmp_path: Path) -> None:
-    report = validate(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
+    report = validate_once(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
     (reason,) = (group.reason for group in report.groups or () if not group.qualifies)
     assert reason == "does not hold: Values lie in their declared range: found 1000.0"
     assert all("group_id" not in finding["location"] for finding in report.to_json()["findings"])
@@ -106,7 +106,7 @@ def test_degrees_are_named_and_told_once_for_each_table(tmp_path: Path) -> None:
     draft = new_draft()
     for table in ("observations", "actors"):
         draft.set(table, "yaw_rad", -175.5)
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = validate_once(draft.write(tmp_path / "dataset"))
     tally = next(tally for tally in report.tallies if tally.rule_id == "BD-VAL-002")
     parts = folded(tally.findings)
     assert {part[0].found for part in parts} == {"-175.5, as what is in degrees"}
@@ -115,5 +115,5 @@ def test_degrees_are_named_and_told_once_for_each_table(tmp_path: Path) -> None:
 
 
 def test_what_is_no_angle_has_no_degrees(tmp_path: Path) -> None:
-    report = validate(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
+    report = validate_once(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
     assert not any("degrees" in finding.found for finding in report.findings)

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 from tests import synthetic
+from tests.audits import validate_once
 from tests.sampling import sampled
 from tests.validator.engine.datasets import failing, status, write, write_with
 
 from branchdrive.contract.document import schema_mismatches
-from branchdrive.engine.validate import validate
 
 SECRET = b"nobody may read this"
 
@@ -43,7 +43,7 @@ DOCUMENTS: dict[str, bytes] = {
 
 @pytest.mark.parametrize("content", DOCUMENTS.values(), ids=DOCUMENTS)
 def test_a_descriptor_that_is_no_json_is_one_finding(content: bytes, tmp_path: Path) -> None:
-    report = validate(write_with(tmp_path / "dataset", {"branchdrive.json": content}))
+    report = validate_once(write_with(tmp_path / "dataset", {"branchdrive.json": content}))
     assert (report.verdict, report.errors, failing(report)) == ("invalid", (), {"BD-DOC-001"})
     assert {t.reason for t in report.tallies if t.rule_id == "BD-VAL-001"} == {"the descriptor is unusable"}
 
@@ -55,7 +55,7 @@ def test_a_descriptor_that_is_no_json_is_one_finding(content: bytes, tmp_path: P
 )
 def test_a_descriptor_of_another_type_or_version_is_a_finding(document: Any, tmp_path: Path) -> None:
     content = json.dumps(document).encode()
-    report = validate(write_with(tmp_path / "dataset", {"branchdrive.json": content}))
+    report = validate_once(write_with(tmp_path / "dataset", {"branchdrive.json": content}))
     assert (report.verdict, report.errors, failing(report)) == ("invalid", (), {"BD-DOC-002"})
 
 
@@ -66,7 +66,7 @@ ODD_VALUES = [None, [], {}, "", "x", -1, 0, 1e308, True, [[]], {"a": {}}, [None]
 def test_properties_of_other_types_are_findings(key: str, tmp_path: Path) -> None:
     for value in ODD_VALUES:
         document = {**synthetic.descriptor(), key: value}
-        report = validate(write(tmp_path / "dataset", {}, document))
+        report = validate_once(write(tmp_path / "dataset", {}, document))
         assert (report.verdict, report.errors) == ("invalid", ())
         if schema_mismatches(document, "descriptor.schema.json"):
             assert failing(report) & {"BD-DOC-002", "BD-DOC-003"}
@@ -77,7 +77,7 @@ def test_properties_of_other_types_are_findings(key: str, tmp_path: Path) -> Non
 def test_a_descriptor_of_many_wrong_properties_ends_soon(tmp_path: Path) -> None:
     faults = {f"fault {i}": -1 for i in range(50_000)}
     document = {**synthetic.descriptor(), "collection": {"seed": 1, "faults": faults}}
-    report = validate(write(tmp_path / "dataset", document=document))
+    report = validate_once(write(tmp_path / "dataset", document=document))
     assert (report.verdict, report.errors, failing(report)) == ("invalid", (), {"BD-DOC-003"})
 
 
@@ -102,7 +102,7 @@ MANIFESTS: dict[str, bytes] = {
 def test_garbage_in_the_place_of_the_manifest_is_a_finding(content: bytes, tmp_path: Path) -> None:
     root = write(tmp_path / "dataset")
     (root / "MANIFEST.sha256").write_bytes(content)
-    report = validate(root)
+    report = validate_once(root)
     assert (report.verdict, report.errors) == ("invalid", ())
     assert "BD-LAY-001" in failing(report)
     assert status(report, "BD-VAL-001") == "pass"
@@ -113,6 +113,6 @@ def test_a_path_that_leaves_the_root_is_named_and_not_opened(tmp_path: Path) -> 
     root = write(tmp_path / "dataset")
     manifest = (root / "MANIFEST.sha256").read_bytes()
     (root / "MANIFEST.sha256").write_bytes(manifest + b"0" * 64 + b"  ../secret\n")
-    report = validate(root)
+    report = validate_once(root)
     assert report.verdict == "invalid"
     assert "BD-LAY-005" in failing(report)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests import synthetic
+from tests.audits import validate_once
 from tests.validator.engine.datasets import DEPARTURES, FOLDER, cells, edited, with_column, write, write_with
 
 from branchdrive.contract.columns import TICK_TABLES
@@ -56,29 +57,31 @@ NAMED_TABLE = synthetic.base_tables()[FOLDER]["actors"].rename_columns(
 )
 
 SITUATIONS: dict[str, Callable[[Path], Report]] = {
-    "valid": lambda root: validate(write(root), require_groups=3),
-    "valid without evidence": lambda root: validate(write(root, synthetic.bare_tables(), synthetic.bare_descriptor())),
-    "valid with media": lambda root: validate(write(root, synthetic.media_tables(), synthetic.media_descriptor())),
-    "invalid": lambda root: validate(write(root, DEPARTURES["speed out of range"].tables())),
-    "too few groups": lambda root: validate(write(root), require_groups=9),
-    "partial": lambda root: validate(write(root), hash_files=False, select=["BD-LAY"], ignore=["BD-LAY-009"]),
-    "waived": lambda root: validate(write(root, DEPARTURES["speed out of range"].tables()), waivers=[ACCEPTED]),
+    "valid": lambda root: validate_once(write(root), require_groups=3),
+    "valid without evidence": lambda root: validate_once(
+        write(root, synthetic.bare_tables(), synthetic.bare_descriptor())
+    ),
+    "valid with media": lambda root: validate_once(write(root, synthetic.media_tables(), synthetic.media_descriptor())),
+    "invalid": lambda root: validate_once(write(root, DEPARTURES["speed out of range"].tables())),
+    "too few groups": lambda root: validate_once(write(root), require_groups=9),
+    "partial": lambda root: validate_once(write(root), hash_files=False, select=["BD-LAY"], ignore=["BD-LAY-009"]),
+    "waived": lambda root: validate_once(write(root, DEPARTURES["speed out of range"].tables()), waivers=[ACCEPTED]),
     "error": lambda root: with_broken_rule(write(root), "BD-VAL-001"),
-    "unusable descriptor": lambda root: validate(write_with(root, {"branchdrive.json": b"\xff{"})),
-    "descriptor of another version": lambda root: validate(
+    "unusable descriptor": lambda root: validate_once(write_with(root, {"branchdrive.json": b"\xff{"})),
+    "descriptor of another version": lambda root: validate_once(
         write(root, document={**synthetic.descriptor(), "spec_version": "9.9"})
     ),
-    "hostile descriptor": lambda root: validate(write(root, document=hostile_descriptor())),
-    "contradicting descriptor": lambda root: validate(
+    "hostile descriptor": lambda root: validate_once(write(root, document=hostile_descriptor())),
+    "contradicting descriptor": lambda root: validate_once(
         write(root, document={**synthetic.descriptor(), "streams": ["controls"]})
     ),
-    "hostile rows": lambda root: validate(write(root, hostile_tables())),
-    "hostile column": lambda root: validate(write(root, edited("actors", lambda _: NAMED_TABLE))),
-    "manifest without files": lambda root: validate(_with_manifest(write(root), b"# branchdrive-manifest 0.1\n")),
-    "hostile manifest": lambda root: validate(_with_manifest(write(root), HOSTILE.encode())),
-    "no manifest": lambda root: validate(write(root, seal=False)),
-    "no shards": lambda root: validate(write(root, {})),
-    "undecodable tables": lambda root: validate(
+    "hostile rows": lambda root: validate_once(write(root, hostile_tables())),
+    "hostile column": lambda root: validate_once(write(root, edited("actors", lambda _: NAMED_TABLE))),
+    "manifest without files": lambda root: validate_once(_with_manifest(write(root), b"# branchdrive-manifest 0.1\n")),
+    "hostile manifest": lambda root: validate_once(_with_manifest(write(root), HOSTILE.encode())),
+    "no manifest": lambda root: validate_once(write(root, seal=False)),
+    "no shards": lambda root: validate_once(write(root, {})),
+    "undecodable tables": lambda root: validate_once(
         write_with(root, {f"{FOLDER}/{name}.parquet": b"PAR1" for name in ("controls", "rollouts")})
     ),
 }
@@ -150,7 +153,7 @@ def test_situations_cover_every_verdict(tmp_path: Path) -> None:
 
 
 def test_facts_count_what_is_there(valid_root: Path) -> None:
-    facts = validate(valid_root).dataset
+    facts = validate_once(valid_root).dataset
     tables = synthetic.base_tables()
     assert facts.rows == {
         name: sum(len(shard[name]) for shard in tables.values()) for name in ("rollouts", *TICK_TABLES)
@@ -163,7 +166,7 @@ def test_facts_count_what_is_there(valid_root: Path) -> None:
 
 def test_counts_stay_exact_where_findings_are_capped(tmp_path: Path) -> None:
     tables = edited("controls", lambda t: with_column(t, "rollout_id", [f"nobody-{i}" for i in range(len(t))]))
-    report = validate(write(tmp_path / "dataset", tables))
+    report = validate_once(write(tmp_path / "dataset", tables))
     rule = next(rule for rule in report.to_json()["rules"] if rule["id"] == "BD-KEY-004")
     orphans = len(tables[FOLDER]["controls"])
     every = sum(len(shard[name]) for shard in tables.values() for name in shard if name != "rollouts")
@@ -172,7 +175,9 @@ def test_counts_stay_exact_where_findings_are_capped(tmp_path: Path) -> None:
 
 
 def test_a_finding_stands_for_all_rows_of_its_attempt(tmp_path: Path) -> None:
-    report = validate(write(tmp_path / "dataset", cells("observations", "speed_mps", dict.fromkeys(range(5), 999.0))))
+    report = validate_once(
+        write(tmp_path / "dataset", cells("observations", "speed_mps", dict.fromkeys(range(5), 999.0)))
+    )
     (finding,) = report.findings
     assert finding.to_json() == {
         "rule": "BD-VAL-002",

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests import synthetic
+from tests.audits import validate_once
 from tests.each import each
 from tests.validator.engine.datasets import (
     DEPARTURES,
@@ -40,7 +41,7 @@ WITHOUT_SUBJECT = NO_SUBJECT - UNCLAIMED
 
 @pytest.mark.parametrize("departure", DEPARTURES.values(), ids=DEPARTURES)
 def test_one_departure_breaks_its_rules_and_no_others(departure: Departure, tmp_path: Path) -> None:
-    report = validate(write(tmp_path / "dataset", departure.tables()))
+    report = validate_once(write(tmp_path / "dataset", departure.tables()))
     assert report.verdict == departure.verdict
     assert report.exit_code == {"valid": 0, "invalid": 1}[departure.verdict]
     assert failing(report) == departure.rules
@@ -49,7 +50,7 @@ def test_one_departure_breaks_its_rules_and_no_others(departure: Departure, tmp_
 
 
 def test_valid_dataset_passes_every_rule_that_it_claims(valid_root: Path) -> None:
-    report = validate(valid_root)
+    report = validate_once(valid_root)
     others = {t.rule_id: t.status for t in report.tallies if t.status != "pass"}
     assert others == {**dict.fromkeys(UNCLAIMED, "not-claimed"), **dict.fromkeys(WITHOUT_SUBJECT, "skipped")}
     assert [tally.rule_id for tally in report.tallies] == list(CATALOGUE)
@@ -79,24 +80,24 @@ def wrong_encoding() -> dict[str, Any]:
 def test_what_is_not_judged_is_not_called_valid(
     options: dict[str, Any], verdict: str, exit_code: int, valid_root: Path
 ) -> None:
-    report = validate(valid_root, **options)
+    report = validate_once(valid_root, **options)
     assert (report.verdict, report.exit_code) == (verdict, exit_code)
 
 
 @pytest.mark.parametrize("options", [{"ignore": ["BD-TAB-003"]}, {"hash_files": False}, {"select": ["BD-VAL"]}])
 def test_a_failure_outweighs_what_was_not_judged(options: dict[str, Any], tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
-    report = validate(root, **options)
+    report = validate_once(root, **options)
     assert (report.verdict, report.exit_code) == ("invalid", 1)
 
 
 def test_a_refuted_claim_is_invalid(tmp_path: Path) -> None:
-    report = validate(write(tmp_path / "dataset", document=wrong_encoding()))
+    report = validate_once(write(tmp_path / "dataset", document=wrong_encoding()))
     assert (report.verdict, failing(report)) == ("invalid", {"BD-ENC-001"})
 
 
 def test_deselected_rules_say_so(valid_root: Path) -> None:
-    report = validate(valid_root, select=["BD-VAL", "BD-LAY-003"], ignore=["BD-VAL-005"])
+    report = validate_once(valid_root, select=["BD-VAL", "BD-LAY-003"], ignore=["BD-VAL-005"])
     judged = {tally.rule_id for tally in report.tallies if tally.status == "pass"}
     assert judged == {*(f"BD-VAL-00{number}" for number in (1, 2, 3, 4, 6, 7)), "BD-LAY-003"}
     assert {tally.reason for tally in report.tallies if tally.status == "skipped"} == {"deselected"}
@@ -105,7 +106,7 @@ def test_deselected_rules_say_so(valid_root: Path) -> None:
 
 
 def test_without_digests_one_rule_is_not_judged(valid_root: Path) -> None:
-    report = validate(valid_root, hash_files=False)
+    report = validate_once(valid_root, hash_files=False)
     assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == {
         "BD-LAY-002": "digests were not computed",
         **dict.fromkeys(WITHOUT_SUBJECT, "no subject"),
@@ -115,7 +116,7 @@ def test_without_digests_one_rule_is_not_judged(valid_root: Path) -> None:
 def test_nothing_to_examine_is_no_pass_and_changes_no_verdict(tmp_path: Path) -> None:
     document = synthetic.descriptor()
     del document["action_encoding"]
-    report = validate(write(tmp_path / "dataset", document=document))
+    report = validate_once(write(tmp_path / "dataset", document=document))
     assert {t.rule_id: t.reason for t in report.tallies if t.status == "skipped"} == dict.fromkeys(
         {"BD-ENC-001", *WITHOUT_SUBJECT}, "no subject"
     )
@@ -125,7 +126,7 @@ def test_nothing_to_examine_is_no_pass_and_changes_no_verdict(tmp_path: Path) ->
 def test_rules_of_streams_that_are_not_claimed_change_no_verdict(tmp_path: Path) -> None:
     root = tmp_path / "dataset"
     synthetic.write_dataset(root, synthetic.bare_tables(), synthetic.bare_descriptor())
-    report = validate(root)
+    report = validate_once(root)
     unclaimed = {tally.rule_id for tally in report.tallies if tally.status == "not-claimed"}
     assert unclaimed == {rule_id for rule_id, info in CATALOGUE.items() if info.streams or info.layer}
     assert (report.verdict, report.exit_code) == ("valid", 0)
@@ -137,7 +138,7 @@ def test_unreadable_shard_leaves_its_rules_unjudged_and_the_other_shard_judged(t
     root = write(tmp_path / "dataset", cells("observations", "speed_mps", {3: 1000.0}), seal=False)
     (root / "raw/shard-00001/controls.parquet").write_bytes(b"no table")
     synthetic.seal_dataset(root)
-    report = validate(root)
+    report = validate_once(root)
     assert failing(report) == {"BD-TAB-001", "BD-VAL-002"}
     reasons = {tally.reason for tally in report.tallies if tally.rule_id == "BD-VAL-001"}
     assert reasons == {"raw/shard-00001 has no readable controls"}
@@ -158,7 +159,7 @@ def test_a_damaged_table_is_found_whichever_rule_is_there(
 ) -> None:
     root = write(tmp_path / "dataset")
     (root / FOLDER / "controls.parquet").write_bytes(b"PAR1")
-    report = validate(root, **options)
+    report = validate_once(root, **options)
     assert (report.verdict, failing(report)) == ("invalid", rules)
 
 
@@ -174,9 +175,9 @@ def test_prefixes_and_ids_name_rules() -> None:
 @each("pattern", ["", "BD-", "BD-X", "BD-VAL-999", "bd-val-001", "VAL", "BD-VAL-00", "*"])
 def test_a_pattern_that_names_no_rule_is_wrong_usage(pattern: str, valid_root: Path) -> None:
     with pytest.raises(UsageError, match="no rule is called"):
-        validate(valid_root, select=[pattern])
+        validate_once(valid_root, select=[pattern])
     with pytest.raises(UsageError, match="no rule is called"):
-        validate(valid_root, ignore=[pattern])
+        validate_once(valid_root, ignore=[pattern])
 
 
 # --- the gate
@@ -188,15 +189,15 @@ def test_a_pattern_that_names_no_rule_is_wrong_usage(pattern: str, valid_root: P
 def test_required_groups_gate_the_exit_code_and_not_the_verdict(
     required: int, exit_code: int, valid_root: Path
 ) -> None:
-    report = validate(valid_root, require_groups=required)
+    report = validate_once(valid_root, require_groups=required)
     assert (report.verdict, report.exit_code) == ("valid", exit_code)
     assert report.lacks_groups == (exit_code == 1)
 
 
 def test_groups_that_do_not_qualify_do_not_count(tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", DEPARTURES["another seed"].tables())
-    assert validate(root, require_groups=2).exit_code == 0
-    assert validate(root, require_groups=3).exit_code == 1
+    assert validate_once(root, require_groups=2).exit_code == 0
+    assert validate_once(root, require_groups=3).exit_code == 1
 
 
 def test_gate_outweighs_a_partial_verdict_but_no_error(valid_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,9 +210,9 @@ def test_gate_outweighs_a_partial_verdict_but_no_error(valid_root: Path, monkeyp
 def test_gate_needs_the_rules_of_the_funnel(valid_root: Path) -> None:
     for options in ({"select": ["BD-VAL"]}, {"ignore": ["BD-CTL-008"]}):
         with pytest.raises(UsageError, match="the funnel needs every rule on rows"):
-            validate(valid_root, require_groups=1, **options)  # type: ignore[arg-type]
-        assert validate(valid_root, **options).funnel is None  # type: ignore[arg-type]
-    assert validate(valid_root, require_groups=1, ignore=["BD-LAY-009"]).verdict == "partial"
+            validate_once(valid_root, require_groups=1, **options)  # type: ignore[arg-type]
+        assert validate_once(valid_root, **options).funnel is None  # type: ignore[arg-type]
+    assert validate_once(valid_root, require_groups=1, ignore=["BD-LAY-009"]).verdict == "partial"
 
 
 # --- failures of the tool
@@ -282,7 +283,7 @@ def waiver(location: str = "*", **changes: Any) -> Waiver:
 )
 def test_waivers_cover_named_failures(waivers: list[Waiver], verdict: str, states: list[str], tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
-    report = validate(root, waivers=waivers, today=date(2026, 1, 15))
+    report = validate_once(root, waivers=waivers, today=date(2026, 1, 15))
     assert report.verdict == verdict
     assert report.exit_code == int(verdict == "invalid")
     assert [outcome.state for outcome in report.waivers] == states
@@ -295,7 +296,7 @@ def test_a_waiver_counts_what_reports_count(tmp_path: Path) -> None:
     # Three rows of one attempt are one place and three violations.
     root = write(tmp_path / "dataset", cells("observations", "speed_mps", dict.fromkeys((3, 4, 5), 1000.0)))
     for max_count, state in ((2, "exceeded"), (3, "used")):
-        report = validate(root, waivers=[waiver(max_count=max_count)], today=date(2026, 1, 15))
+        report = validate_once(root, waivers=[waiver(max_count=max_count)], today=date(2026, 1, 15))
         assert [(o.state, o.num_matched) for o in report.waivers] == [(state, 3)]
         assert report.verdict == ("invalid" if state == "exceeded" else "valid-with-waivers")
 
@@ -306,8 +307,8 @@ def test_two_waivers_may_share_the_findings_of_a_rule(tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", tables)
     first, second = waiver("*rollout_id=g0.nominal.a1 *"), waiver("*rollout_id=g0.acc*")
     today = date(2026, 1, 15)
-    assert validate(root, waivers=[first], today=today).verdict == "invalid"
-    assert validate(root, waivers=[first, second], today=today).verdict == "valid-with-waivers"
+    assert validate_once(root, waivers=[first], today=today).verdict == "invalid"
+    assert validate_once(root, waivers=[first, second], today=today).verdict == "valid-with-waivers"
 
 
 def test_more_findings_than_are_kept_cannot_be_waived(tmp_path: Path) -> None:
@@ -318,7 +319,7 @@ def test_more_findings_than_are_kept_cannot_be_waived(tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", edited("controls", orphans))
     accepted = waiver(rule="BD-KEY-004", max_count=10**9)
     counts = waiver(rule="BD-KEY-007", max_count=10**9)
-    report = validate(root, waivers=[accepted, counts], today=date(2026, 1, 15))
+    report = validate_once(root, waivers=[accepted, counts], today=date(2026, 1, 15))
     assert report.verdict == "invalid"
     assert [o.state for o in report.waivers] == ["used", "used"]
     assert [o.num_matched for o in report.waivers] == [100, 31]
@@ -326,7 +327,7 @@ def test_more_findings_than_are_kept_cannot_be_waived(tmp_path: Path) -> None:
 
 def test_a_waived_failure_does_not_outweigh_what_was_not_judged(tmp_path: Path) -> None:
     root = write(tmp_path / "dataset", DEPARTURES["speed out of range"].tables())
-    report = validate(root, waivers=[waiver()], today=date(2026, 1, 15), hash_files=False)
+    report = validate_once(root, waivers=[waiver()], today=date(2026, 1, 15), hash_files=False)
     assert (report.verdict, report.exit_code) == ("partial", 3)
 
 
@@ -341,5 +342,5 @@ def test_validating_twice_says_the_same(tmp_path: Path) -> None:
 
 def test_progress_is_told_from_none_to_all(valid_root: Path) -> None:
     told: list[tuple[int, int]] = []
-    validate(valid_root, progress=lambda done, total: told.append((done, total)))
+    validate_once(valid_root, progress=lambda done, total: told.append((done, total)))
     assert told == [(0, 2), (1, 2), (2, 2)]

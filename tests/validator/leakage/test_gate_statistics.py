@@ -13,7 +13,8 @@ from tests.validator.leakage.samples import exchangeable
 from branchdrive.leakage.gate_statistics import GateStatistics, chunk_length
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Layout
-from branchdrive.statistics.permutation import p_value
+from branchdrive.statistics.permutation import labels, p_value
+from branchdrive.statistics.random_words import group_orders
 
 SMALL = GateProtocol(num_frequencies=16)
 FIXED = GateProtocol(num_frequencies=16, bandwidth=3.0)
@@ -60,6 +61,21 @@ def test_chunks_change_nothing(scratch_bytes: int) -> None:
     one_by_one, found = (statistics.null(60, seed=3, scratch_bytes=size) for size in (SCRATCH, scratch_bytes))
     np.testing.assert_allclose(found, one_by_one, rtol=1e-12)
     np.testing.assert_array_equal(found[:, :2], one_by_one[:, :2])
+
+
+def test_what_statistics_share_is_what_each_computes_by_itself() -> None:
+    x = exchangeable(30, 4, 3, seed=2)
+    statistics = GateStatistics.of(x, SMALL, seed=0, layout=TOGETHER)
+    null = statistics.null(20, seed=5, scratch_bytes=SCRATCH)
+    rows = group_orders(5, "leakage/permutations", 20, 30, 4)
+    matrix = labels(rows)
+    for name in ("rank_max_t", "max_t", "hsic", "ridge"):
+        assert getattr(statistics, name)(matrix).tolist() == null[:, STATISTICS.index(name)].tolist()
+    parts = [(selection, part) for selection in statistics.concordance.selections for part in selection.parts]
+    assert parts
+    for selection, part in parts:
+        own = rows[:, selection.groups[: part.num_groups]]
+        assert part.sums(own).reshape(80, -1).tolist() == (labels(own) @ part.steps).tolist()
 
 
 def test_a_seed_decides_everything() -> None:

@@ -11,7 +11,7 @@ from branchdrive.leakage.inputs import GateFeature
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Concordance, Interaction, Layout, Ranks
 from branchdrive.leakage.streams import StreamColumn, Streams, ranked
-from branchdrive.statistics.permutation import identity
+from branchdrive.statistics.permutation import identity, labels
 
 QUICK = GateProtocol(alpha=0.03, num_permutations=199, num_frequencies=8, offsets_sd=(), sparse_offsets_sd=())
 NUM_ACTIONS = 6
@@ -22,7 +22,8 @@ def table(x: np.ndarray, commands: tuple[int, ...] = ()) -> Ranks:
 
 
 def concordance(x: np.ndarray, *subsets: int) -> float:
-    return float(Concordance.of(table(x), subsets)(identity(*x.shape[:2]))[0])
+    rows = identity(*x.shape[:2])
+    return float(Concordance.of(table(x), subsets)(rows, labels(rows))[0])
 
 
 def test_groups_that_agree_are_as_surprising_as_agreement_can_be() -> None:

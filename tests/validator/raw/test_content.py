@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests import synthetic
 from tests.validator.engine.datasets import FOLDER, OTHER_FOLDER, Tables, edited, parquet_bytes, write_with
 from tests.validator.raw.spelled_content import ORDER, group_blocks, lines_digest, sha, table_block
@@ -245,6 +247,38 @@ def test_many_texts_are_counted_like_few(base: str, tmp_path: Path, monkeypatch:
 )
 def test_documents_are_spelled(document: Any, spelled: str) -> None:
     assert document_digest(document) == sha(spelled.encode()).hex()
+
+
+def spelled_bytes(value: Any) -> bytes:
+    """The definition, clause by clause."""
+    if value is None or isinstance(value, bool):
+        return {None: b"n", True: b"t", False: b"f"}[value]
+    if isinstance(value, int | float) and value == value // 1:
+        return b"i%d;" % int(value)
+    if isinstance(value, float):
+        return b"d" + value.hex().encode() + b";"
+    if isinstance(value, str):
+        return b"s%d:" % len(value.encode()) + value.encode()
+    if isinstance(value, list):
+        return b"a%d:" % len(value) + b"".join(map(spelled_bytes, value))
+    members = sorted(value.items(), key=lambda member: member[0].encode())
+    return b"o%d:" % len(members) + b"".join(spelled_bytes(key) + spelled_bytes(item) for key, item in members)
+
+
+JSON_VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**20), 10**20)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.sampled_from([0.0, -0.0, 1.0, 5e-324, 1e300, 2.0**53])
+    | st.text(st.characters(exclude_categories=["Cs"])),
+    lambda parts: st.lists(parts) | st.dictionaries(st.text(st.characters(exclude_categories=["Cs"])), parts),
+)
+
+
+@given(JSON_VALUES)
+def test_any_document_is_spelled_as_defined(document: Any) -> None:
+    assert document_digest(document) == sha(spelled_bytes(document)).hex()
 
 
 def duckdb_bytes(table: pa.Table, folder: Path) -> bytes:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 from unittest.mock import patch
+from weakref import ref
 
 import numpy as np
 import pyarrow as pa
@@ -145,9 +147,23 @@ def test_exact_attempts_are_copies() -> None:
     assert len(found.rows("actors").row) > 700
 
 
+def test_copies_do_not_keep_the_tables_of_a_view() -> None:
+    """Otherwise these stay until a cycle is collected, and a worker holds several shards."""
+    view = view_of(dict(exact_tables()))
+    assert len(view.cached(Copies).at_moments("actors").row)
+    gone = ref(view)
+    gc.disable()
+    try:
+        del view
+        assert gone() is None
+    finally:
+        gc.enable()
+
+
 def test_a_moment_is_a_copy_as_a_whole() -> None:
     tables = dict(exact_tables())
-    row = int(view_of(tables).cached(Copies).rows("actors").row[0])
+    view = view_of(tables)
+    row = int(view.cached(Copies).rows("actors").row[0])
     tables["actors"] = changed(tables["actors"], "length_m", row, row)
     view = view_of(tables)
     moment = view.observations.rows_of(view.stream("actors"))[row]

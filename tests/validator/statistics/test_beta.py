@@ -31,6 +31,12 @@ def test_quantile_is_that_of_scipy(probability: float, a: float, b: float) -> No
     assert beta_quantile(probability, a, b) == pytest.approx(beta.ppf(probability, a, b), rel=1e-8, abs=1e-12)
 
 
+def test_a_quantile_that_is_asked_for_again_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    once = beta_quantile(0.975, 3.25, 11.5)
+    monkeypatch.setattr("branchdrive.statistics.binomial.beta_cdf", None)
+    assert beta_quantile(0.975, 3.25, 11.5) == once
+
+
 def test_ends() -> None:
     assert [beta_cdf(x, 2, 3) for x in (0.0, 1.0)] == [0, 1]
     for probability in (0.0, 1.0):

@@ -69,3 +69,59 @@ def test_rows_of_a_stream_know_their_places() -> None:
     stream = StreamView("controls", stored, {"a": 0, "b": 1}, 2)
     assert stream.position.tolist() == [1, 2, 0]
     assert StreamView("controls", stored.take([1, 2, 0]), {"a": 0, "b": 1}, 2).position.tolist() == [0, 1, 2]
+
+
+def test_codes_of_texts_without_null_are_where_arrow_has_them() -> None:
+    texts = pa.array(["a", "b", "a"]).dictionary_encode()
+    codes, categories = TableView("evidence", pa.table({"lane_id": texts})).categories("lane_id")
+    assert (codes.tolist(), categories) == ([0, 1, 0], ["a", "b"])
+    assert codes.ctypes.data == texts.indices.buffers()[1].address
+
+
+def actors_of(rows: list[tuple[str, int]]) -> StreamView:
+    ids, ticks = zip(*rows, strict=True) if rows else ((), ())
+    stored = pa.table({"rollout_id": pa.array(ids, pa.string()), "tick": pa.array(ticks, pa.int32())})
+    return StreamView("actors", stored, {"a": 0, "b": 1, "d": 3}, 4)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [("a", 0), ("a", 0), ("a", 5), ("b", 5), ("b", 5), ("b", 5), ("d", 0)],
+        [("d", 0), ("b", 5), ("?", 1), ("a", 5), ("b", 5), ("?", 1), ("a", 0), ("a", -3), ("b", 2**31 - 1)],
+        [("a", 0), ("a", 5), ("b", 0)],
+        [("?", 0), ("?", 0)],
+        [],
+    ],
+    ids=["several at a moment", "in no order, some unknown", "one at a moment", "unknown", "none"],
+)
+def test_moments_say_of_every_row_what_it_says(rows: list[tuple[str, int]]) -> None:
+    stream, place = actors_of(rows), {"a": 0, "b": 1, "d": 3}
+    seen = sorted((place.get(name, -1), tick) for name, tick in rows)
+    assert [*zip(stream.rollout.tolist(), stream.tick.tolist(), strict=True)] == seen
+    assert stream.moments.tolist() == [i for i, row in enumerate(seen) if row not in seen[:i]]
+    assert stream.rows_at_moments.tolist() == [seen.count(seen[i]) for i in stream.moments]
+    assert stream.of_moments(stream.moments).tolist() == [seen.index(row) for row in seen]
+    assert stream.repeats.tolist() == [row in seen[:i] for i, row in enumerate(seen)]
+    assert stream.num_unknown == sum(rollout < 0 for rollout, _ in seen)
+    assert stream.is_as_stored == (seen == [(place.get(name, -1), tick) for name, tick in rows])
+    for rollout in range(4):
+        own = [i for i, row in enumerate(seen) if row[0] == rollout]
+        assert [*range(stream.start[rollout], stream.stop[rollout])] == own
+        ticks = {seen[i][1] for i in own}
+        assert stream.distinct_ticks(*np.array([[rollout], [0], [5]])).tolist() == [sum(0 <= t <= 5 for t in ticks)]
+    for rollout, tick in [*seen, (0, 1), (2, 0), (3, 9)]:
+        own = [i for i, row in enumerate(seen) if row == (rollout, tick) and rollout >= 0]
+        assert stream.find(np.array([rollout]), np.array([tick])).tolist() == [own[0] if own else -1]
+        if rollout >= 0:
+            (first,), (last,) = stream.span(np.array([rollout]), np.array([tick]))
+            assert [*range(first, last)] == own
+
+
+@pytest.mark.parametrize("others", [[("a", 0), ("a", 5), ("b", 5)], [("a", 5), ("a", 5), ("?", 5)], []])
+def test_rows_are_found_for_rows_of_another_stream(others: list[tuple[str, int]]) -> None:
+    other, stream = actors_of(others), actors_of([("?", 5), ("a", 0), ("a", 0), ("a", 5), ("b", 5)])
+    other.name = "frames"
+    expected = stream.find(other.rollout, other.tick)
+    assert stream.rows_of(other).tolist() == expected.tolist()
+    assert stream.rows_of_moments(other).tolist() == expected[other.moments].tolist()

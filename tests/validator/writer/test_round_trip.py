@@ -60,7 +60,7 @@ def as_read(value: Any, kind: str) -> Any:
     return list(map(float, value)) if kind.startswith("list") else value
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(st.data())
 def test_what_is_written_is_read_back(data: st.DataObject) -> None:
     descriptor = make_descriptor()

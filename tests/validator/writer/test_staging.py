@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.validator.collector.straight import ShortRoad, descriptor
+from tests.validator.collector.straight import NUM_FEW, ShortRoad, few_policies
 
 import branchdrive as bd
 from branchdrive.cli.main import run, validate_run
@@ -18,8 +18,12 @@ from branchdrive.writer.staging import abandon_group, close_group, snapshot, sta
 
 TOWN = [bd.lane_element(f"lane-{y}", [-50.0, 250.0], [y, y], 10.5, 13.5) for y in range(0, 4000, 100)]
 STREAMS = ("ego_route_state", "actor_risk_evidence", "map", "controls", "route_result")
-DESCRIPTOR = descriptor(streams=STREAMS)
+DESCRIPTOR = few_policies(streams=STREAMS)
 OPTIONS: dict[str, Any] = {"num_groups": 2, "maps": {"StraightRoad": TOWN}, "groups_per_shard": 1, "num_replays": 0}
+
+
+WHOLE, BEGUN = 1 + NUM_FEW, 3
+"""Rollouts of a whole group, and of the second where it is killed."""
 
 
 class KilledError(Exception):
@@ -29,7 +33,7 @@ class KilledError(Exception):
 class Dying(ShortRoad):
     """Is killed at the fourth rollout of its second group."""
 
-    left = 16
+    left = WHOLE + BEGUN
 
     def reset(self, seed: int) -> bd.Scene:
         Dying.left -= 1
@@ -78,7 +82,7 @@ def test_a_snapshot_is_valid_and_changes_nothing(root: Path) -> None:
         report = bd.validate(copy)
         assert sorted(path.name for path in copy.iterdir()) == [MANIFEST_FILE, "branchdrive.json", "raw"]
     assert report.verdict == "valid"
-    assert (report.dataset.num_groups, report.dataset.num_rollouts) == (2, 16)
+    assert (report.dataset.num_groups, report.dataset.num_rollouts) == (2, WHOLE + BEGUN)
     assert report.funnel is not None
     assert list(report.funnel.groups.values()) == [2, 1, 1, 1, 1]
     assert not copy.exists()
@@ -106,7 +110,7 @@ def test_the_validator_looks_into_a_running_collection(root: Path) -> None:
     report = json.loads(out.getvalue())
     assert report["verdict"] == "valid"
     assert report["dataset"]["path"] == f"{root} (staging)"
-    assert report["dataset"]["num_rollouts"] == 16
+    assert report["dataset"]["num_rollouts"] == WHOLE + BEGUN
 
 
 def test_a_closed_group_goes_into_the_dataset_as_it_is(root: Path) -> None:
@@ -115,14 +119,14 @@ def test_a_closed_group_goes_into_the_dataset_as_it_is(root: Path) -> None:
     )
     report = bd.collect_dataset(root, DESCRIPTOR, {"Parked": ShortRoad}, **OPTIONS)
     assert report.num_found == 2
-    assert bd.open_dataset(root).rollouts().num_rows == 16
+    assert bd.open_dataset(root).rollouts().num_rows == WHOLE + BEGUN
     assert not (root / STAGING_DIR).exists()
 
 
 def test_an_abandoned_group_is_collected_anew(root: Path) -> None:
     assert staging(root, "--abandon", "g00001-parked") == (0, "0 staged groups\n", "")
     report = bd.collect_dataset(root, DESCRIPTOR, {"Parked": ShortRoad}, **OPTIONS)
-    assert [(group.num_reused, group.num_simulated) for group in report.groups] == [(0, 13)]
+    assert [(group.num_reused, group.num_simulated) for group in report.groups] == [(0, WHOLE)]
 
 
 def test_a_group_that_a_shard_holds_comes_back_as_it_was(root: Path) -> None:
@@ -132,7 +136,7 @@ def test_a_group_that_a_shard_holds_comes_back_as_it_was(root: Path) -> None:
         assert staged_groups(root)[0].is_committed
         abandon_group(root, "g00000-parked")
         writer.finalize()
-    assert bd.open_dataset(root).rollouts().num_rows == 26
+    assert bd.open_dataset(root).rollouts().num_rows == 2 * WHOLE
 
 
 @pytest.mark.parametrize("settle", [close_group, abandon_group])

@@ -68,17 +68,29 @@ class _Collecting:
             return self.execute(writer, self.descriptor, plan, between=between)
 
 
-def check_begun(writer: DatasetWriter, num_groups: int) -> None:
-    """Refuse to go on with fewer groups than a collection was begun with.
+def check_begun(writer: DatasetWriter, num_groups: int, plans: Sequence[Planned]) -> None:
+    """Refuse to go on with fewer groups than a collection was begun with, or with those of another part.
+
+    Args:
+        writer: The dataset.
+        num_groups: Groups of the whole collection.
+        plans: Those of them that this run collects.
 
     Raises:
-        UsageError: A group beyond the first `num_groups` was begun.
+        UsageError: A group beyond the first `num_groups`, or one that is not planned, was begun.
     """
-    begun = max(writer.places.values(), default=-1) + 1
+    places = writer.places
+    begun = max(places.values(), default=-1) + 1
     if begun > num_groups:
         raise UsageError(
             f"{writer.root}: this collection has begun {begun} groups, more than the {num_groups} asked for; "
             f"ask for at least {begun}, or choose another folder"
+        )
+    others = places.keys() - {plan.group_id for plan in plans} if len(plans) < num_groups else ()
+    if others:
+        raise UsageError(
+            f"{writer.root}: this collection has begun group {min(others)!r}, which is of another part; ask for that "
+            "part, or choose another folder"
         )
 
 
@@ -97,7 +109,7 @@ def run_campaign(
 
     Args:
         writer: The dataset, open.
-        plans: All groups of the dataset, by place.
+        plans: All groups of the dataset, or of a part of it, by place.
         execute: What collects a group.
         jobs: Worker processes; 1 works in this process.
         prepare: Called with the number of groups that are missing, if there are any, before the first of them.
@@ -110,7 +122,8 @@ def run_campaign(
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     begin_s = time.perf_counter()
-    missing = [plan for plan in plans if not writer.is_closed(plan.group_id)]
+    closed = writer.closed
+    missing = [plan for plan in plans if plan.group_id not in closed]
     num_found = len(plans) - len(missing)
     if writer.is_finished and missing:
         raise UsageError(

@@ -14,6 +14,7 @@ from typing import Any
 
 from branchdrive.collector.campaign import check_begun, run_campaign
 from branchdrive.collector.group import GroupPlan, WorldCollector
+from branchdrive.collector.part import WHOLE, Part
 from branchdrive.collector.report import CollectionReport
 from branchdrive.collector.town import Element
 from branchdrive.collector.world import World
@@ -93,6 +94,7 @@ def collect_dataset(
     maps: Mapping[str, Sequence[Element]] | None = None,
     groups_per_shard: int = 32,
     only: Sequence[str] = (),
+    part: tuple[int, int] = WHOLE,
     watch: Callable[[int, int], None] = unwatched,
     **options: Any,
 ) -> CollectionReport:
@@ -111,6 +113,8 @@ def collect_dataset(
         groups_per_shard: Groups of one shard.
         only: Ids of the groups to collect of the `num_groups`, in that order; all of them where it is empty. A group
             has the same content, which ``branchdrive pilot --rerun`` tries.
+        part: K and N, from 1: part K of N of these groups, whole shards. ``branchdrive merge`` makes the N parts the
+            dataset that one machine collects.
         watch: Called with the number of finished groups and of ticks executed by this run.
         **options: As `WorldCollector` has them: ``trigger``, ``max_ticks``, ``num_replays``, ``max_attempts``,
             ``protocol_variant``, ``all_frames``.
@@ -126,6 +130,7 @@ def collect_dataset(
     plans = plan_groups(descriptor.collection.seed, num_groups, tuple(worlds))
     if only:
         plans = _chosen(plans, only)
+    own = [plans[place] for place in Part(*part).places(len(plans), groups_per_shard)]
     with DatasetWriter(root, descriptor, groups_per_shard=groups_per_shard, maps=maps) as writer:
-        check_begun(writer, len(plans))
-        return run_campaign(writer, plans, collector, jobs=jobs, watch=watch)
+        check_begun(writer, len(plans), own)
+        return run_campaign(writer, own, collector, jobs=jobs, watch=watch)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from branchdrive.collector.collection import collect_dataset
+from branchdrive.collector.part import WHOLE, Part
 from branchdrive.collector.report import CollectionReport
 from branchdrive.collector.world import World
 from branchdrive.contract.descriptor import Descriptor
@@ -26,7 +27,7 @@ def collector_main(
     argv: Sequence[str] | None = None,
     **options: Any,
 ) -> int:
-    """Carry out the command line of a collector: ``ROOT [--groups N] [--only IDS] [--seed S] [--jobs J]``.
+    """Carry out the command line of a collector: ``ROOT [--groups N] [--only IDS] [--part K/N] [--seed S] [--jobs J]``.
 
     Args:
         describe: The descriptor of a collection with a seed.
@@ -45,18 +46,24 @@ def collector_main(
         "--only", type=lambda ids: ids.split(","), default=[], metavar="IDS",
         help="ids of the groups to collect of them, with commas, in this order (default: all)",
     )  # fmt: skip
+    parser.add_argument(
+        "--part", type=Part.parse, default=WHOLE, metavar="K/N",
+        help="collect part K of N of the groups, for `branchdrive merge` (default: all)",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="seed of the collection (default: 1)")
     parser.add_argument("--jobs", type=int, default=1, help="worker processes (default: 1)")
     args = parser.parse_args(argv)
 
     def watch(groups: int, ticks: int) -> None:
-        sys.stderr.write(f"{groups} of {len(args.only) or args.groups} groups, {ticks:,} ticks\n")
+        whole = f"{groups} of {len(args.only) or args.groups} groups"
+        part = f"{groups} groups of part {args.part}"
+        sys.stderr.write(f"{whole if args.part == WHOLE else part}, {ticks:,} ticks\n")
 
     try:
         with heeded_termination():
             report = collect_dataset(
                 args.root, describe(args.seed), worlds,
-                num_groups=args.groups, jobs=args.jobs, only=args.only, watch=watch, **options,
+                num_groups=args.groups, jobs=args.jobs, only=args.only, part=args.part, watch=watch, **options,
             )  # fmt: skip
     except KeyboardInterrupt as interrupt:
         sys.stderr.write(f"{parser.prog}: interrupted; run the same command to go on\n")

@@ -16,12 +16,13 @@ from branchdrive.contract.columns import RECORDABLE, STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layout import MAX_SHARD_INDEX
 from branchdrive.contract.refusal import Document
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.text import listed
 
 __all__ = [
-    "Collection", "DeclaredEncoding", "Descriptor", "Driver", "Rates", "ReplayNoise", "Software",
+    "Collection", "DeclaredEncoding", "Descriptor", "Driver", "Origin", "Rates", "ReplayNoise", "Software",
     "Tolerances", "Vehicle",
 ]  # fmt: skip
 
@@ -29,6 +30,7 @@ _Identifier = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,127}$")]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._:/+-]{0,127}$")]
 _Label = Annotated[str, Field(pattern=r"^[!-~]([ -~]{0,126}[!-~])?$")]
 _Shares = Annotated[dict[_Identifier, Annotated[float, Field(ge=0, le=1)]], Field(max_length=64)]
+_ShardNumber = Annotated[Integer, Field(ge=0, le=MAX_SHARD_INDEX)]
 _Prose = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]{1,2000}$")]
 
 
@@ -126,6 +128,20 @@ def _from_number(value: Any) -> Any:
     return {"kind": "injected", "strength": value} if value else {"kind": "exact"}
 
 
+class Origin(Document):
+    """Shards that had other numbers in the dataset that they were collected into.
+
+    Attributes:
+        identity: Identity of the files of that dataset.
+        first_shard: Number of the first of them in this dataset; the others follow it.
+        shards: Numbers that they had.
+    """
+
+    identity: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    first_shard: _ShardNumber
+    shards: Annotated[tuple[_ShardNumber, ...], Field(strict=False, min_length=1, max_length=200_000, fail_fast=True)]
+
+
 class Collection(Document):
     """What the collector switched on.
 
@@ -136,6 +152,7 @@ class Collection(Document):
         branches: Shares of planned groups by the kind of branch that was asked of their trigger; empty, and left out
             of documents, where all branch at the manoeuvre.
         scenario_types: Scenario types that the plan was restricted to; empty if it was not.
+        origins: Where shards with other numbers come from; empty, and left out of documents, where none has another.
     """
 
     seed: Annotated[Integer, Field(ge=0, le=9223372036854775807)]
@@ -143,6 +160,7 @@ class Collection(Document):
     faults: _Shares = Field(default_factory=dict)
     branches: _Shares = Field(default_factory=dict)
     scenario_types: Annotated[tuple[_Label, ...], Field(strict=False, max_length=256, fail_fast=True)] = ()
+    origins: Annotated[tuple[Origin, ...], Field(strict=False, max_length=4096, fail_fast=True)] = ()
 
     @model_validator(mode="after")
     def _scenario_types_differ(self) -> Self:
@@ -153,8 +171,9 @@ class Collection(Document):
     @model_serializer(mode="wrap")
     def _document(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         document: dict[str, Any] = serialize(self)
-        if not self.branches:
-            del document["branches"]
+        for name in ("branches", "origins"):
+            if not document[name]:
+                del document[name]
         return document
 
 

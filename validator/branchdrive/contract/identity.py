@@ -6,7 +6,8 @@ Source: spec/03-layout.md#content.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import lru_cache
 from typing import Any
 
 from branchdrive.contract.layer import LAYERS
@@ -21,28 +22,48 @@ def document_digest(document: Any) -> str:
     >>> document_digest({"a": 1.0, "b": []}) == document_digest({"b": [], "a": 1})
     True
     """
-    return hashlib.sha256(b"".join(_encoded(document))).hexdigest()
+    try:
+        return hashlib.sha256(_SPELLED[type(document)](document).encode()).hexdigest()
+    finally:
+        _keys.cache_clear()  # what a document calls its members is not kept longer than the document
 
 
-def _encoded(value: Any) -> Iterator[bytes]:
-    if value is None or isinstance(value, bool):
-        yield {None: b"n", True: b"t", False: b"f"}[value]
-    elif isinstance(value, int) or (isinstance(value, float) and value.is_integer()):
-        yield b"i%d;" % int(value)
-    elif isinstance(value, float):
-        yield b"d" + value.hex().encode() + b";"
-    elif isinstance(value, str):
-        text = value.encode()
-        yield b"s%d:" % len(text) + text
-    elif isinstance(value, list):
-        yield b"a%d:" % len(value)
-        for item in value:
-            yield from _encoded(item)
-    else:
-        yield b"o%d:" % len(value)
-        for key in sorted(value, key=str.encode):
-            yield from _encoded(key)
-            yield from _encoded(value[key])
+def _text(value: str) -> str:
+    return f"s{len(value) if value.isascii() else len(value.encode())}:{value}"
+
+
+def _number(value: float) -> str:
+    return f"i{int(value)};" if value.is_integer() else f"d{value.hex()};"
+
+
+def _array(value: list[Any]) -> str:
+    return f"a{len(value)}:" + "".join([_SPELLED[type(item)](item) for item in value])
+
+
+def _object(value: dict[str, Any]) -> str:
+    spelled = [f"o{len(value)}:"]
+    for key, text in _keys(tuple(value)):
+        item = value[key]
+        spelled += text, _SPELLED[type(item)](item)
+    return "".join(spelled)
+
+
+@lru_cache(1024)
+def _keys(keys: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Keys with what spells them, by their code points, which is the order of their bytes too."""
+    return [(key, _text(key)) for key in sorted(keys)]
+
+
+_SPELLED: dict[type, Callable[[Any], str]] = {
+    type(None): lambda _: "n",
+    bool: lambda value: "t" if value else "f",
+    int: "i{};".format,
+    float: _number,
+    str: _text,
+    list: _array,
+    dict: _object,
+}
+"""What is digested of a value of JSON, by its type: one text for the whole document, encoded at the end."""
 
 
 def layer_content(parts: Mapping[str, str]) -> str:

@@ -147,7 +147,7 @@ def _row_location(view: ShardView, name: str, row: int, found: Location) -> Loca
         if column in TABLES[name].key and table[column][row]:
             location[column] = str(table[column][row])
     if isinstance(table, StreamView):
-        location["tick"] = int(table.tick[row])
+        location["tick"] = int(table["tick"][row])
         if "actor_id" in table:
             location["actor_id"] = int(table["actor_id"][row])
     return location

@@ -16,6 +16,7 @@ import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
 from branchdrive.contract.layout import (
@@ -240,7 +241,9 @@ def read_manifest(dataset: Folder) -> tuple[Manifest, list[Mismatch]]:
     return parse_manifest(dataset.read(MANIFEST_FILE, spec_limits().max_manifest_bytes))
 
 
-def build_manifest(dataset: Folder, listed: Collection[str] = ()) -> Manifest:
+def build_manifest(
+    dataset: Folder, listed: Collection[str] = (), *, known: Mapping[str, str] = MappingProxyType({})
+) -> Manifest:
     """Digest every file of a dataset, except the manifest itself, a writer's working area and companions.
 
     Where there is a quality layer, `README.md` is the card of the release and no companion.
@@ -248,6 +251,7 @@ def build_manifest(dataset: Folder, listed: Collection[str] = ()) -> Manifest:
     Args:
         dataset: Its folder.
         listed: Paths of files that are part of the dataset, whatever they are called.
+        known: Digests of files that need not be read, by path.
 
     Raises:
         DatasetError: The dataset holds a link, a special file or an unsafe path, or its ignore file is malformed.
@@ -261,17 +265,21 @@ def build_manifest(dataset: Folder, listed: Collection[str] = ()) -> Manifest:
     quality = dataset.status(_QUALITY)
     card = [CARD_FILE] if quality is not None and quality.kind == "folder" else []
     companions = Companions((*listed, *card), patterns)
-    return Manifest.of({path: dataset.digest(path) for path in _files_of(dataset, companions)})
+    return Manifest.of({path: known.get(path) or dataset.digest(path) for path in _files_of(dataset, companions)})
 
 
-def check_against_manifest(dataset: Folder) -> Manifest:
+def check_against_manifest(dataset: Folder, *, known: Mapping[str, str] = MappingProxyType({})) -> Manifest:
     """Manifest of a finished dataset whose files are exactly those that it lists.
+
+    Args:
+        dataset: Its folder.
+        known: Digests of files that need not be read, by path.
 
     Raises:
         DatasetError: The manifest is damaged, or a file differs, is missing or is not listed.
     """
     listed, mismatches = read_manifest(dataset)
-    found = build_manifest(dataset, listed.files)
+    found = build_manifest(dataset, listed.files, known=known)
     if mismatches or listed != found:
         paths = sorted(path for path, _ in set(listed.files.items()) ^ set(found.files.items()))
         what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"

@@ -9,6 +9,7 @@ Sources: spec/05-raw-streams.md#archives; POSIX.1-2017, pax, "ustar Interchange 
 
 from __future__ import annotations
 
+import hashlib
 import re
 import tarfile
 from collections.abc import Mapping
@@ -131,7 +132,13 @@ class MediaArchive:
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
+        self._hash = hashlib.sha256()
         self.num_bytes = 0
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what was written, hexadecimal."""
+        return self._hash.hexdigest()
 
     def add(self, name: str, image: bytes | memoryview) -> int:
         """Append a member; the position of its image in the archive.
@@ -151,4 +158,5 @@ class MediaArchive:
 
     def _write(self, content: bytes | memoryview) -> None:
         self._stream.write(content)
+        self._hash.update(content)
         self.num_bytes += len(content)

@@ -28,8 +28,6 @@ __all__ = ["GateStatistics", "Reference", "chunk_length"]
 Array = NDArray[np.float64]
 
 _PERMUTATIONS = "leakage/permutations"
-_OF_ROWS = ("concordance", "interaction")
-"""Statistics that are called with permutations, not with their matrix."""
 
 
 def chunk_length(num_groups: int, num_actions: int, scratch_columns: int, scratch_bytes: int) -> int:
@@ -158,5 +156,13 @@ class GateStatistics:
 
     def _statistics(self, rows: NDArray[np.intp]) -> Array:
         matrix = labels(rows)
-        called = [getattr(self, name)(rows if name in _OF_ROWS else matrix) for name in STATISTICS]
-        return np.stack(called, axis=1)
+        by_fold = self.ridge.sums(matrix)
+        found = {"max_t": self.max_t.largest(by_fold.sum(axis=0)), "ridge": self.ridge.score(by_fold)}
+        del by_fold  # makes room for what the others need
+        found |= {
+            "rank_max_t": self.rank_max_t(matrix),
+            "hsic": self.hsic(matrix),
+            "concordance": self.concordance(rows, matrix),
+            "interaction": self.interaction(rows),
+        }
+        return np.stack([found[name] for name in STATISTICS], axis=1)

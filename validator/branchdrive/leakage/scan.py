@@ -26,7 +26,7 @@ Source: Kendall and Babington Smith 1939 (W); Chernoff 1952 (tail); the scan is 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -45,6 +45,9 @@ Steps = NDArray[np.float32]
 
 _LEAST_REST = 2.0**-20
 """Least ``1 - W`` that the logarithm is taken of."""
+
+_DRAWN_AT_ONCE = 1 << 18
+"""Ranks that are drawn before they are summed up."""
 
 
 class Layout(NamedTuple):
@@ -146,9 +149,20 @@ class _Part:
         steps = ranks.reshape(-1, len(columns)).astype(np.float32)
         return cls(columns, steps, len(ranks), agreed, num_differing, largest)
 
-    def values(self, matrix: Steps, num_actions: int) -> Array:
-        """``D`` of labels ``[permutations * actions, groups * actions]``: ``[permutations, columns]``."""
-        sums = (matrix @ self.steps).reshape(-1, num_actions, len(self.columns))
+    def sums(self, rows: Index) -> Steps:
+        """``S`` of labels of the groups ``[permutations, groups, actions]``: ``[permutations, actions, columns]``."""
+        num_permutations, num_groups, num_actions = rows.shape
+        place = rows + num_actions * np.arange(num_groups)[:, None]
+        found = np.empty((num_permutations, num_actions, len(self.columns)), np.float32)
+        length = max(1, _DRAWN_AT_ONCE // (num_groups * num_actions * len(self.columns)))
+        for first in range(0, num_permutations, length):
+            drawn = self.steps.take(place[first : first + length], axis=0)
+            drawn.sum(axis=1, out=found[first : first + length])
+        return found
+
+    def values(self, sums: Steps) -> Array:
+        """``D`` of sums ``[permutations, actions, columns]``: ``[permutations, columns]``."""
+        num_actions = sums.shape[1]
         square = np.zeros((len(sums), len(self.columns)))
         for action in range(num_actions):
             square += np.square(sums[:, action].astype(np.float64))
@@ -173,9 +187,8 @@ class _Selection:
 
     def values(self, rows: Index) -> list[Array]:
         """``D`` of every part under labels ``[permutations, all groups, actions]``."""
-        num_actions = rows.shape[2]
-        matrix = labels(rows[:, self.groups])
-        return [part.values(matrix[:, : part.num_groups * num_actions], num_actions) for part in self.parts]
+        own = rows[:, self.groups]
+        return [part.values(part.sums(own[:, : part.num_groups])) for part in self.parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,17 +196,20 @@ class Concordance:
     """Largest concordance of groups over columns and subsets of groups.
 
     Attributes:
-        selections: All groups, and of each variable those in which it differs most.
+        whole: All columns over all groups; None where these are not looked at.
+        selections: Of each variable the groups in which it differs most.
     """
 
+    whole: _Part | None
     selections: tuple[_Selection, ...]
 
     @classmethod
     def of(cls, table: Ranks, subsets: Sequence[int]) -> Concordance:
         """Concordance of columns that differ within a group, equal ones once, over one in `subsets` groups each."""
         kept, surprise, num_groups = _distinct(table.ranks), _surprise(table.ranks), len(table.ranks)
-        everything = _Part.of(table.ranks[:, :, kept], surprise[:, kept], kept)
-        selections = [_Selection(np.arange(num_groups), (everything,))] if 1 in subsets and len(kept) else []
+        is_whole = 1 in subsets and len(kept) > 0
+        whole = _Part.of(table.ranks[:, :, kept], surprise[:, kept], kept) if is_whole else None
+        selections = []
         sizes = [size for size in (-(-num_groups // part) for part in subsets if part > 1) if 1 < size < num_groups]
         for variable in np.unique(table.variable[kept]).tolist() if sizes else []:
             columns = kept[table.variable[kept] == variable]
@@ -201,29 +217,41 @@ class Concordance:
             ranks, logarithms = table.ranks[groups][:, :, columns], surprise[groups][:, columns]
             parts = [_Part.of(ranks[:size], logarithms[:size], columns) for size in sizes]
             selections.append(_Selection(groups, tuple(parts)))
-        return cls(tuple(selections))
+        return cls(whole, tuple(selections))
 
     @property
     def scratch_columns(self) -> int:
         """Float64 numbers that a permutation needs for every action."""
-        return max((len(part.columns) for selection in self.selections for part in selection.parts), default=0)
+        parts = [part for selection in self.selections for part in selection.parts]
+        return max((len(part.columns) for part in (*parts, self.whole) if part is not None), default=0)
 
-    def __call__(self, rows: Index) -> Array:
-        """``T`` of every permutation ``[permutations]``, labels ``[permutations, groups, actions]``."""
+    def __call__(self, rows: Index, matrix: Steps) -> Array:
+        """``T`` of every permutation ``[permutations]``.
+
+        Args:
+            rows: Labels ``[permutations, groups, actions]``.
+            matrix: The same as `labels` gives them.
+        """
         largest = np.zeros(len(rows))
-        for selection in self.selections:
-            for values in selection.values(rows):
-                np.maximum(largest, values.max(axis=1), out=largest)
+        for _, values in self._values(rows, matrix):
+            np.maximum(largest, values.max(axis=1), out=largest)
         return largest
+
+    def _values(self, rows: Index, matrix: Steps) -> Iterator[tuple[_Part, Array]]:
+        """Every part with its ``D``, ``[permutations, columns]``; a matrix is quick where most groups take part."""
+        if self.whole is not None:
+            sums = (matrix @ self.whole.steps).reshape(len(rows), rows.shape[2], len(self.whole.columns))
+            yield self.whole, self.whole.values(sums)
+        for selection in self.selections:
+            yield from zip(selection.parts, selection.values(rows), strict=True)
 
     def places(self, rows: Index, num_named: int) -> list[Place]:
         """The largest ``D`` of one labelling ``[1, groups, actions]``, every column once, largest first."""
         found: dict[int, Place] = {}
-        for selection in self.selections:
-            for part, values in zip(selection.parts, selection.values(rows), strict=True):
-                for column, value in zip(part.columns.tolist(), values[0].tolist(), strict=True):
-                    if column not in found or value > found[column].value:
-                        found[column] = Place((column,), part.num_groups, value)
+        for part, values in self._values(rows, labels(rows)):
+            for column, value in zip(part.columns.tolist(), values[0].tolist(), strict=True):
+                if column not in found or value > found[column].value:
+                    found[column] = Place((column,), part.num_groups, value)
         return sorted(found.values(), key=lambda place: (-place.value, place.columns))[:num_named]
 
 
@@ -263,7 +291,7 @@ class Interaction:
     """Largest dependence of a product of two signs on the action.
 
     Attributes:
-        signs: Signs ``[groups, actions, columns]``.
+        signs: Signs ``[groups * actions, columns]``.
         columns: What the last axis holds.
         mean: Expected sum of a pair for an action ``[columns, columns]``.
         unit: Factor from squared distances to the statistic ``[columns, columns]``, 0 but above the diagonal.
@@ -288,7 +316,8 @@ class Interaction:
         upper = np.triu(np.ones(variance.shape, np.bool_), 1) & (variance > 1e-9)
         scale = (num_actions - 1) / num_actions
         unit = np.divide(scale, variance, out=np.zeros_like(variance), where=upper)
-        return cls(signs.astype(np.float32), chosen, product.sum(axis=0), unit)
+        steps = signs.reshape(len(signs) * num_actions, len(chosen)).astype(np.float32)
+        return cls(steps, chosen, product.sum(axis=0), unit)
 
     @property
     def scratch_columns(self) -> int:
@@ -297,7 +326,9 @@ class Interaction:
 
     def _values(self, rows: Index) -> Array:
         """The statistic of every pair ``[columns, columns]`` for labels ``[groups, actions]``."""
-        drawn = np.ascontiguousarray(self.signs[np.arange(len(rows)), rows.T])  # [actions, groups, columns]
+        num_groups, num_actions = rows.shape
+        place = rows + num_actions * np.arange(num_groups)[:, None]
+        drawn = self.signs.take(place.T, axis=0)  # [actions, groups, columns]
         sums = np.matmul(drawn.transpose(0, 2, 1), drawn).astype(np.float64)
         sums -= self.mean
         return np.asarray(np.einsum("ajk,ajk->jk", sums, sums) * self.unit)
@@ -317,4 +348,4 @@ class Interaction:
         strongest = sorted(pairs.tolist(), key=lambda pair: (-values[pair[0], pair[1]], pair))[:num_named]
         found = [(int(self.columns[one]), int(self.columns[other])) for one, other in strongest]
         sizes = [float(values[one, other]) for one, other in strongest]
-        return [Place(pair, len(self.signs), value) for pair, value in zip(found, sizes, strict=True)]
+        return [Place(pair, rows.shape[1], value) for pair, value in zip(found, sizes, strict=True)]

@@ -40,6 +40,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,15 +91,22 @@ class MaxT:
 
     def scores(self, labels: NDArray[np.float32]) -> Array:
         """``t`` of labels ``[permutations * actions, groups * actions]``: ``[permutations, actions, columns]``."""
-        scores = (labels @ self.steps).astype(np.float64)
-        scores -= self.mean
-        scores *= self.inverse_sd
-        return np.asarray(scores.reshape(len(scores) // self.num_actions, self.num_actions, self.steps.shape[1]))
+        return self._standardised(labels @ self.steps)
 
     def __call__(self, labels: NDArray[np.float32]) -> Array:
         """``T`` of every permutation, ``[permutations]``."""
-        scores = self.scores(labels)
+        return self.largest(labels @ self.steps)
+
+    def largest(self, sums: NDArray[np.floating[Any]]) -> Array:
+        """``T`` of every permutation from its sums, ``labels @ steps``."""
+        scores = self._standardised(sums)
         return np.asarray(np.maximum(scores.max(axis=(1, 2), initial=0.0), -scores.min(axis=(1, 2), initial=0.0)))
+
+    def _standardised(self, sums: NDArray[np.floating[Any]]) -> Array:
+        scores = sums.astype(np.float64)
+        scores -= self.mean
+        scores *= self.inverse_sd
+        return np.asarray(scores.reshape(len(scores) // self.num_actions, self.num_actions, self.steps.shape[1]))
 
 
 def median_distance(values: Array, *, unit: float = 1.0) -> float:
@@ -214,12 +222,20 @@ class Ridge:
 
     def __call__(self, labels: NDArray[np.float32]) -> Array:
         """``T`` of every permutation ``[permutations]``, labels ``[permutations * actions, groups * actions]``."""
-        folds = list(pairwise(self.bounds))
-        sums = np.empty((len(folds), len(labels), self.steps.shape[1]))
-        for fold, (start, stop) in enumerate(folds):
-            np.subtract(labels[:, start:stop] @ self.steps[start:stop], self.mean[fold], out=sums[fold])
+        return self.score(self.sums(labels))
+
+    def sums(self, labels: NDArray[np.float32]) -> Array:
+        """Sums of each fold ``[folds, permutations * actions, columns]``, in steps; added up, ``labels @ steps``."""
+        found = np.empty((len(self.mean), len(labels), self.steps.shape[1]))
+        for fold, (start, stop) in enumerate(pairwise(self.bounds)):
+            found[fold] = labels[:, start:stop] @ self.steps[start:stop]
+        return found
+
+    def score(self, sums: Array) -> Array:
+        """``T`` of every permutation from its `sums`, which are centred in place."""
+        sums -= self.mean[:, None]
         whole = sums.sum(axis=0)
-        score = np.zeros(len(labels))
+        score = np.zeros(len(whole))
         for own, solver in zip(sums, self.solvers, strict=True):
             score += np.einsum("rc,rc->r", (whole - own) @ solver, own)
         num_groups = self.bounds[-1] // self.num_actions

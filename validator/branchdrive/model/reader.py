@@ -9,7 +9,7 @@ Source: paper, "Model Inputs and Targets" and "Release Structure"; spec/12-model
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,6 +92,15 @@ class ModelLayer:
     def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
         self.folder = folder
         self.descriptor = descriptor
+        self._packed = _Packed(folder, descriptor)
+
+    def with_partitions(self, partitions: Mapping[str, str]) -> ModelLayer:
+        """The same layer with groups in other partitions; what one of them has read, the other does not read again.
+
+        Args:
+            partitions: Partition, of any name, of the groups that change theirs.
+        """
+        return _PartitionedLayer(self, partitions)
 
     @property
     def root(self) -> Path:
@@ -144,7 +153,7 @@ class ModelLayer:
         Raises:
             UsageError: As `groups`, or the dataset has no evidence.
         """
-        rows, surroundings = self._rows(partition, variant), self._surroundings
+        rows, surroundings = self._rows(partition, variant), self._packed.surroundings
         if surroundings is None:
             raise UsageError(f"{self.root}: has no evidence of surroundings; use the contract 'mixed' or 'sensor'")
         return PrivilegedInputs(
@@ -162,9 +171,9 @@ class ModelLayer:
         Normalised, a scalar target without any training value to fit on is available nowhere.
         See `sensor_inputs` for arguments and errors.
         """
-        rows = self._rows(partition, variant)
-        scalars, available, trajectories = self._scalars.values, self._scalars.available, self._trajectories
-        scalars, available, trajectories = scalars[rows], available[rows], trajectories[rows]
+        rows, packed = self._rows(partition, variant), self._packed
+        scalars, available = packed.scalars.values[rows], packed.scalars.available[rows]
+        trajectories = packed.trajectories[rows]
         if normalised:
             scaling = self.scalings()
             scalars, trajectories = scaling.scalars.apply(scalars), scaling.trajectories.apply(trajectories)
@@ -177,7 +186,7 @@ class ModelLayer:
         Raises:
             UsageError: The dataset declares no encoding of its bank.
         """
-        encoded = self._actions
+        encoded = self._packed.actions
         if encoded is None:
             raise UsageError(f"{self.root}: declares no encoding of its action bank; encode `candidate_order` yourself")
         return encoded.copy()
@@ -200,7 +209,7 @@ class ModelLayer:
             DatasetError: A file cannot be read, or its rows cannot be packed.
         """
         declared = admit_column(InputContract.named(contract), table, column)
-        packed = arrays.pack_column(self._frame(table), table, column, self._group_ids, self.candidate_order)
+        packed = arrays.pack_column(self._packed.frame(table), table, column, self._group_ids, self.candidate_order)
         values = np.ma.getdata(packed) if declared.is_required(self.descriptor.unrecorded) else packed
         return values if table == "actions" else values[self._rows(partition, variant)]
 
@@ -221,11 +230,11 @@ class ModelLayer:
             claimed = [name for name in self.descriptor.streams if STREAMS[name].cameras]
             raise UsageError(f"{self.root}: has no images of the stream {stream!r}; it claims {claimed}")
         groups = self.groups(partition, variant)
-        return ImageHistory(self.folder, self.descriptor, self._media_index, groups, declared.cameras)
+        return ImageHistory(self.folder, self.descriptor, self._packed.media_index, groups, declared.cameras)
 
     def scalings(self) -> Scalings:
         """Scalings that were fitted on training groups, to normalise and to invert."""
-        return self._scalings
+        return self._packed.scalings
 
     def arrow(self, table: str) -> pa.Table:
         """A table of the model layer with its declared Arrow schema, identifiers and all; no contract applies.
@@ -234,34 +243,15 @@ class ModelLayer:
             UsageError: The model layer has no such table.
             DatasetError: The file cannot be read safely, or its columns are not those declared.
         """
-        return conform(self._stored(table), table)
+        return conform(self._packed.stored(table), table)
 
     def __repr__(self) -> str:
         return f"ModelLayer({self.descriptor.dataset_id!r} at {str(self.root)!r})"
 
-    def _stored(self, table: str) -> pa.Table:
-        if table not in LAYERS[LAYER].tables:
-            raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
-        return read_layer_table(self.folder, table)
-
-    def _frame(self, table: str) -> dict[str, Values]:
-        return from_arrow(self._stored(table), table)
-
-    def home_of(self) -> dict[str, str]:
-        """Partition of every group, by group id in sorted order, read again.
-
-        Raises:
-            DatasetError: The table cannot be read, or repeats a group.
-        """
-        frame = self._frame("contexts")
-        partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
-        if len(partitions) != len(frame["group_id"]):
-            raise DatasetError(f"{self.root}: table `contexts` repeats a group; run `branchdrive-validate`")
-        return partitions
-
-    @cached_property
-    def _contexts(self) -> dict[str, str]:
-        return self.home_of()
+    @property
+    def _contexts(self) -> Mapping[str, str]:
+        """Partition of every group, by group id in sorted order."""
+        return self._packed.partitions
 
     @property
     def _group_ids(self) -> tuple[str, ...]:
@@ -304,7 +294,7 @@ class ModelLayer:
         return found
 
     def _histories(self, rows: NDArray[np.int64], *, normalised: bool) -> dict[str, Array]:
-        state, controls = self._state[rows], self._controls[rows]
+        state, controls = self._packed.state[rows], self._packed.controls[rows]
         if normalised:
             state, controls = self.scalings().state.apply(state), self.scalings().controls.apply(controls)
             state = self._zero_where_unrecorded("state", state)
@@ -312,57 +302,99 @@ class ModelLayer:
 
     def _expert_rows(self, rows: NDArray[np.int64], normalised: bool) -> Array:
         if not normalised:
-            return self._expert[rows]
-        return self._zero_where_unrecorded("expert", self.scalings().expert.apply(self._expert[rows]))
+            return self._packed.expert[rows]
+        return self._zero_where_unrecorded("expert", self.scalings().expert.apply(self._packed.expert[rows]))
 
     def _zero_where_unrecorded(self, table: str, values: Array) -> Array:
         return np.where(recorded_features(table, self.descriptor), values, 0.0)
 
+
+class _PartitionedLayer(ModelLayer):
+    """A model layer in which some groups are in other partitions."""
+
+    def __init__(self, layer: ModelLayer, partitions: Mapping[str, str]) -> None:
+        super().__init__(layer.folder, layer.descriptor)
+        self._packed = layer._packed
+        self._homes = {**layer._contexts, **partitions}
+
+    @property
+    def _contexts(self) -> Mapping[str, str]:
+        return self._homes
+
+
+class _Packed:
+    """Tables of a model layer, each read and packed when it is first asked for, rows by group id in sorted order.
+
+    In which partition a group is decides nothing but `partitions`, so layers that differ in that have one of these.
+    """
+
+    def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
+        self.folder = folder
+        self.descriptor = descriptor
+
+    def stored(self, table: str) -> pa.Table:
+        if table not in LAYERS[LAYER].tables:
+            raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
+        return read_layer_table(self.folder, table)
+
+    def frame(self, table: str) -> dict[str, Values]:
+        return from_arrow(self.stored(table), table)
+
+    @cached_property
+    def partitions(self) -> dict[str, str]:
+        frame = self.frame("contexts")
+        partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
+        if len(partitions) != len(frame["group_id"]):
+            raise DatasetError(f"{self.folder.root}: table `contexts` repeats a group; run `branchdrive-validate`")
+        return partitions
+
     def _history(self, table: str) -> Array:
-        return arrays.pack_history(self._frame(table), table, self._group_ids)
+        return arrays.pack_history(self.frame(table), table, tuple(self.partitions))
 
     @cached_property
-    def _media_index(self) -> dict[str, Values]:
-        return self._frame("media_index")
+    def media_index(self) -> dict[str, Values]:
+        return self.frame("media_index")
 
     @cached_property
-    def _state(self) -> Array:
+    def state(self) -> Array:
         return self._history("state")
 
     @cached_property
-    def _controls(self) -> Array:
+    def controls(self) -> Array:
         return self._history("past_controls")
 
     @cached_property
-    def _expert(self) -> Array:
+    def expert(self) -> Array:
         return self._history("expert")
 
     @cached_property
-    def _surroundings(self) -> arrays.Masked | None:
-        return arrays.pack_surroundings(self._frame("surroundings"), self._group_ids)
+    def surroundings(self) -> arrays.Masked | None:
+        return arrays.pack_surroundings(self.frame("surroundings"), tuple(self.partitions))
 
     @cached_property
-    def _actions(self) -> NDArray[np.float32] | None:
-        encoded = arrays.pack_actions(self._frame("actions"), self.candidate_order)
+    def actions(self) -> NDArray[np.float32] | None:
+        encoded = arrays.pack_actions(self.frame("actions"), self.descriptor.action_bank.keys)
         declared = self.descriptor.action_encoding
         found, expected = None if encoded is None else encoded.shape[1], None if declared is None else declared.width
         if found != expected:
             raise DatasetError(
-                f"{self.root}: {table_path('actions')!r}: encodings have width {found}, and the descriptor declares "
-                f"{expected}; run `branchdrive-validate`"
+                f"{self.folder.root}: {table_path('actions')!r}: encodings have width {found}, and the descriptor "
+                f"declares {expected}; run `branchdrive-validate`"
             )
         return encoded
 
     @cached_property
-    def _scalars(self) -> Targets:
-        return arrays.pack_scalars(self._frame("scalars"), self._group_ids, self.candidate_order)
+    def scalars(self) -> Targets:
+        return arrays.pack_scalars(self.frame("scalars"), tuple(self.partitions), self.descriptor.action_bank.keys)
 
     @cached_property
-    def _trajectories(self) -> Array:
-        return arrays.pack_trajectories(self._frame("trajectories"), self._group_ids, self.candidate_order).values
+    def trajectories(self) -> Array:
+        return arrays.pack_trajectories(
+            self.frame("trajectories"), tuple(self.partitions), self.descriptor.action_bank.keys
+        ).values
 
     @cached_property
-    def _scalings(self) -> Scalings:
+    def scalings(self) -> Scalings:
         return scalings_of(_document(self.folder, NORMALISATION_FILE))
 
 

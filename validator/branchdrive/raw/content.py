@@ -29,7 +29,7 @@ def is_identified(view: ShardView) -> bool:
     ids = view.rollout_ids
     if not all(ids) or len(set(ids)) < len(ids) or not all(view.group_ids):
         return False
-    return not any((view.stream(name).rollout < 0).any() for name in _tables(view)[1:])
+    return not any(view.stream(name).num_unknown for name in _tables(view)[1:])
 
 
 def group_content(view: ShardView) -> dict[str, str] | None:
@@ -56,7 +56,7 @@ def table_content(view: ShardView, block: Index) -> dict[str, list[bytes]]:
         stream = view.stream(name)
         num_rows = np.bincount(block, stream.stop - stream.start).astype(np.int64)
         further = [stream[column] for column in declared_table(name).key[2:]]
-        found[name] = block_digests(stream, [rank[stream.rollout], stream.tick, *further], _ends(num_rows))
+        found[name] = block_digests(stream, [rank[stream.rollout], stream["tick"], *further], _ends(num_rows))
     return found
 
 

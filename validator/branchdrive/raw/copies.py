@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
+from weakref import proxy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ class Copies:
     """
 
     def __init__(self, view: ShardView) -> None:
-        self._view = view
+        self._view: ShardView = proxy(view)  # which keeps this: a cycle would keep tables until they are collected
         self._rows: dict[str, Copied] = {}
         self._at_moments: dict[str, Copied] = {}
 
@@ -123,19 +124,25 @@ class Copies:
         for table in ("evidence", "actors"):
             if table in view and len(view.stream(table)):
                 stream = view.stream(table)
-                first = np.flatnonzero(~stream.repeats)
-                frame = observations.rows_of(stream)[first]
+                frame = observations.rows_of_moments(stream)
                 num_rows, num_others = np.zeros((2, len(observations) + 1), np.int64)  # the last of no observation
-                num_rows[frame] = np.diff(first, append=len(stream))
-                num_others[frame] = np.add.reduceat(self.rows(table).judged(len(stream)), first, dtype=np.int64)
+                num_rows[frame] = stream.rows_at_moments
+                num_others[frame] = np.add.reduceat(
+                    self.rows(table).judged(len(stream)), stream.moments, dtype=np.int64
+                )
                 kept &= (num_rows[row] == num_rows[source]) & (num_others[row] == 0)
-        return Copied(row[kept], source[kept])
+        return _where(kept, row, source)
 
     def _rows_of_moments(self, table: str) -> Copied:
         observations, (row, source) = self._view.observations, self.rows(table)
         is_whole = ~np.append(self.at_moments("observations").judged(len(observations)), True)
         kept = is_whole[observations.rows_of(self._view.stream(table))[row]]
-        return Copied(row[kept], source[kept])
+        return _where(kept, row, source)
+
+
+def _where(kept: Mask, row: Index, source: Index) -> Copied:
+    """The copies that are kept; where all are, what there is is not copied."""
+    return Copied(row, source) if kept.all() else Copied(row[kept], source[kept])
 
 
 def _copied(view: ShardView, stream: StreamView, last_offset: int) -> Copied:

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from jsonschema import Draft202012Validator
-
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
+from branchdrive.contract.schema_check import compiled_schema
 from branchdrive.errors import DatasetError, PlatformError
 from branchdrive.formats.durable import delete, make_dir, replace_file
 from branchdrive.formats.folder import Folder
@@ -106,7 +106,7 @@ class StoredParts:
             part = parse_json(Folder(self.folder).read(path.name, spec_limits().max_document_bytes))
         except (DatasetError, ValueError, RecursionError):
             return None
-        if not _form("gate" if name == "gate" else "classifier").is_valid(part):
+        if not _form("gate" if name == "gate" else "classifier")(part):
             return None
         found: dict[str, Any] = part
         return found
@@ -123,8 +123,8 @@ class StoredParts:
 
 
 @cache
-def _form(kind: str) -> Any:
-    """Validator of a part: the gate as the document has it, or what a classifier gives before it is judged."""
+def _form(kind: str) -> Callable[[Any], bool]:
+    """Whether a value is a part: the gate as the document has it, or what a classifier gives before it is judged."""
     schema = load_resource(_SCHEMA)
     result = schema["$defs"]["test"]["properties"]
     forms = {
@@ -136,4 +136,4 @@ def _form(kind: str) -> Any:
             "properties": {"score": {"$ref": "#/$defs/score"}, "training": result["training"]},
         },
     }
-    return Draft202012Validator({**forms[kind], "$defs": schema["$defs"]})
+    return compiled_schema(forms[kind], _SCHEMA)

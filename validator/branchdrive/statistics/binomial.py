@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import lru_cache
 
 __all__ = ["beta_cdf", "beta_quantile", "binomial_cdf", "binomial_interval", "exact_fraction"]
 
@@ -77,6 +78,10 @@ _MAX_TERMS = 100_000
 _HALVINGS = 200
 
 
+_MOST_KEPT = 4096
+"""Quantiles that are kept: the intervals of a benchmark ask for the same few again and again."""
+
+
 def beta_cdf(x: float, a: float, b: float) -> float:
     """``P(X <= x)`` for ``X ~ Beta(a, b)``.
 
@@ -93,6 +98,7 @@ def beta_cdf(x: float, a: float, b: float) -> float:
     return math.exp(logarithm) / (a * _fraction(x, a, b))
 
 
+@lru_cache(_MOST_KEPT)
 def beta_quantile(probability: float, a: float, b: float) -> float:
     """The ``x`` at which `beta_cdf` is `probability`.
 

@@ -22,7 +22,7 @@ __all__ = ["RowSummary", "StreamView", "TableView", "Tables"]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-T = TypeVar("T")
+V = TypeVar("V", bound=np.generic)
 
 _TICK_SPAN = 1 << 32
 
@@ -153,8 +153,10 @@ class TableView:
         array = self._array(column)
         if not pa.types.is_dictionary(array.type):
             array = array.dictionary_encode()
-        codes = array.indices.cast(pa.int32()).fill_null(-1).to_numpy(zero_copy_only=False)
-        return codes, array.dictionary.to_pylist()
+        codes = array.indices.cast(pa.int32())
+        if codes.null_count:
+            codes = codes.fill_null(-1)
+        return codes.to_numpy(zero_copy_only=False), array.dictionary.to_pylist()
 
     def differs(self, column: str, rows: Index, others: Index) -> Mask:
         """Where `rows` hold other bits than `others`, or are null where those are not; of no list column.
@@ -190,11 +192,11 @@ class RowSummary:
 class StreamView(TableView):
     """A table of rows that belong to rollouts at ticks, sorted by (rollout, tick).
 
-    Rows whose rollout is unknown come first, with ``rollout == -1``.
+    Rows whose rollout is unknown come first, with ``rollout == -1``. Rows at one (rollout, tick) are a moment; many
+    tables have a row at each, that of actors ten, so what is said of moments is kept once for each of them.
 
     Attributes:
-        rollout: Index ``[rows]`` into the shard's rollouts.
-        tick: Tick ``[rows]``.
+        moments: First row of each moment ``[moments]``.
         start: First row of each rollout ``[rollouts]``.
         stop: Row after the last of each rollout ``[rollouts]``.
     """
@@ -203,21 +205,54 @@ class StreamView(TableView):
         raw = TableView(name, table)
         codes, categories = raw.categories("rollout_id")
         rollout = np.array([rollout_index.get(category, -1) for category in categories] + [-1], np.int64)[codes]
-        tick = raw["tick"].astype(np.int64)
-        key = rollout * _TICK_SPAN + tick
+        key = rollout * _TICK_SPAN + raw["tick"]
         order = None
         if len(key) > 1 and (key[1:] < key[:-1]).any():
             order = np.argsort(key, kind="stable")
-            rollout, tick, key = rollout[order], tick[order], key[order]
+            rollout, key = rollout[order], key[order]
         super().__init__(name, table, order)
         if order is None:
             self._values, self._categories = raw._values, raw._categories
-        self.rollout, self.tick, self._key = rollout, tick, key
         self._order = order
-        self.num_rollouts = num_rollouts
+        is_new = np.ones(len(key), bool)
+        np.not_equal(key[1:], key[:-1], out=is_new[1:])
+        self._ends: Index = np.append(np.flatnonzero(is_new), len(key))
+        self.moments = self._ends[:-1]
+        repeats = len(self.moments) < len(key)
+        self._rollout, self._key = (values[self.moments] if repeats else values for values in (rollout, key))
         self._rows_of: dict[str, Index] = {}
-        self.start = np.searchsorted(rollout, np.arange(num_rollouts), side="left")
-        self.stop = np.searchsorted(rollout, np.arange(num_rollouts), side="right")
+        self.num_rollouts = num_rollouts
+        self.start: Index = self._ends[np.searchsorted(self._rollout, np.arange(num_rollouts), side="left")]
+        self.stop: Index = self._ends[np.searchsorted(self._rollout, np.arange(num_rollouts), side="right")]
+
+    @property
+    def rollout(self) -> Index:
+        """Index into the shard's rollouts ``[rows]``, made anew where moments have several rows."""
+        return self.of_moments(self._rollout)
+
+    @property
+    def tick(self) -> Index:
+        """Tick ``[rows]``, made anew."""
+        return self["tick"].astype(np.int64)
+
+    def of_moments(self, values: NDArray[V]) -> NDArray[V]:
+        """Values of moments for each of their rows ``[rows]``."""
+        return values if len(values) == len(self) else np.repeat(values, self.rows_at_moments)
+
+    @property
+    def rows_at_moments(self) -> Index:
+        """Number of rows of each moment ``[moments]``."""
+        return np.diff(self._ends)
+
+    @property
+    def num_unknown(self) -> int:
+        """Number of rows whose rollout is unknown."""
+        return int(self._ends[np.searchsorted(self._rollout, 0)])
+
+    @property
+    def is_as_stored(self) -> bool:
+        """Whether rows are in the order of the stored table."""
+        return self._order is None
 
     @cached_property
     def position(self) -> Index:
@@ -227,28 +262,33 @@ class StreamView(TableView):
     def find(self, rollout: Index, tick: Index) -> Index:
         """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
-        return np.where(np.asarray(rollout) >= 0, find_sorted(self._key, key), -1)
+        moment = np.where(np.asarray(rollout) >= 0, find_sorted(self._key, key), -1)
+        return moment if len(self.moments) == len(self) else np.append(self.moments, -1)[moment]
 
     def span(self, rollout: Index, tick: Index) -> tuple[Index, Index]:
         """First row of each (rollout, tick), and the row after its last; equal where there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
-        return np.searchsorted(self._key, key, side="left"), np.searchsorted(self._key, key, side="right")
+        first, last = (np.searchsorted(self._key, key, side=side) for side in ("left", "right"))
+        return self._ends[first], self._ends[last]
 
     def rows_of(self, other: StreamView) -> Index:
         """Row here for each row of `other`, as `find` has it; streams share most of their moments."""
         if other.name not in self._rows_of:
-            first = np.flatnonzero(~other.repeats)
-            if np.array_equal(other._key[first], self._key):
-                row = np.where(self.rollout >= 0, np.arange(len(self)), -1)
-            else:
-                row = self.find(other.rollout[first], other.tick[first])
-            self._rows_of[other.name] = np.repeat(row, np.diff(first, append=len(other)))
+            self._rows_of[other.name] = other.of_moments(self.rows_of_moments(other))
         return self._rows_of[other.name]
+
+    def rows_of_moments(self, other: StreamView) -> Index:
+        """Row here for each moment of `other`, as `find` has it ``[moments of other]``."""
+        if np.array_equal(other._key, self._key):
+            return np.where(self._rollout >= 0, self.moments, -1)
+        return self.find(other._rollout, other["tick"][other.moments])
 
     @cached_property
     def repeats(self) -> Mask:
         """Rows that repeat the previous row's rollout and tick."""
-        return np.concatenate(([False], self._key[1:] == self._key[:-1])) if len(self._key) else np.zeros(0, bool)
+        found = np.ones(len(self), bool)
+        found[self.moments] = False
+        return found
 
     def repeats_with(self, part: NDArray[Any]) -> Mask:
         """Rows that repeat another row's rollout, tick and `part`, a further part of the table's key ``[rows]``."""
@@ -265,9 +305,7 @@ class StreamView(TableView):
         """Number of distinct ticks of each rollout in ``low <= tick <= high``."""
         base = np.asarray(rollout, np.int64) * _TICK_SPAN
         left = np.searchsorted(self._key, base + low, side="left")
-        right = np.searchsorted(self._key, base + high, side="right")
-        repeats = np.concatenate(([0], np.cumsum(self.repeats)))
-        return np.asarray((right - left) - (repeats[right] - repeats[left]))
+        return np.asarray(np.searchsorted(self._key, base + high, side="right") - left)
 
     @property
     def is_there(self) -> Mask:
@@ -280,8 +318,9 @@ class StreamView(TableView):
             none = np.zeros(self.num_rollouts, np.int64)
             return RowSummary(none > 0, none - 1, none)
         rows = np.flatnonzero(marked)
-        rows = rows[self.rollout[rows] >= 0]
-        owner = self.rollout[rows]
+        owner = self.rollout
+        rows = rows[owner[rows] >= 0]
+        owner = owner[rows]
         first = np.full(self.num_rollouts, -1)
         first[owner[::-1]] = rows[::-1]
         count = np.bincount(owner, minlength=self.num_rollouts)

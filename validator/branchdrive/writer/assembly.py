@@ -10,7 +10,7 @@ order, the process or the number of attempts in which they were written.
 
 from __future__ import annotations
 
-import json
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,16 +28,15 @@ from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.media.media_folder import FRAMES, MediaFolder, places_of
 from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
-from branchdrive.writer.stage import Places, Stage
+from branchdrive.writer.place_log import CommittedShard, FileState, KnownFile, PlaceLog
+from branchdrive.writer.place_note import PlaceNote
+from branchdrive.writer.stage import Stage
 from branchdrive.writer.staged_group import StagedGroup
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["assemble_shard", "committed_places", "install_ready_shards", "shard_files"]
-
-_PLACES_KEY = b"branchdrive.places"
-"""Metadata of a rollouts file: the writer's own note of its groups' places; readers ignore it."""
+__all__ = ["assemble_shard", "install_ready_shards", "recover_log", "shard_files"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class _Member:
 
 
 def assemble_shard(
-    stage: Stage, places: Places, index: int, groups: Sequence[StagedGroup], maps: Mapping[str, pa.Table]
+    stage: Stage, log: PlaceLog, index: int, groups: Sequence[StagedGroup], maps: Mapping[str, pa.Table]
 ) -> None:
     """Write raw shard `index` from `groups` and from those groups of the present shard that are not among them.
 
@@ -67,27 +66,40 @@ def assemble_shard(
     old = shard if shard.folder.exists() else None
     if old is not None:
         _check_files(old, stage)
-    members = _members(places, groups, old)
+    members = _members(log, groups, old)
     draft = partial_path(stage.shards_dir / shard_name(index))
     delete(draft)
     draft.mkdir()
+    files = {}
     for name in stage.descriptor.tables:
         if name == ROLLOUTS:
-            table = _rollouts_table(members, places)
+            table = _rollouts_table(members, log.groups_per_shard)
         elif name == MAP:
             table = _map_table(members, maps)
         elif name == FRAMES:
-            table = _archive_images(members, old, stage.descriptor, draft)
+            table, archive_digest = _archive_images(members, old, stage.descriptor, draft)
+            if table.num_rows:
+                files[MEDIA_FILE] = _known(draft / MEDIA_FILE, archive_digest)
         else:
             table = _stream_table(name, members, old)
-        write_file(draft / TABLES[name].file_name, _checked_bytes(name, table, index))
+        path, content = draft / TABLES[name].file_name, _checked_bytes(name, table, index)
+        write_file(path, content)
+        files[path.name] = _known(path, hashlib.sha256(content).hexdigest())
     sync_dir(draft)
     move(draft, stage.shards_dir / shard_name(index))
     _install(stage, index)
-    committed = dict(places.committed) | {group.group_id: group.index for group in groups}
-    stage.save_places(replace(places, committed=committed))
+    places = {member.record["group_id"]: member.place for member in members}
+    log.append(CommittedShard.of(index, places, [member.record["rollout_id"] for member in members], files))
     for group in groups:
         stage.drop(group)
+
+
+def _known(path: Path, sha256: str) -> KnownFile:
+    """A file that was just written, and that no rename of its folder changes."""
+    state = FileState.at(path)
+    if state is None:
+        raise DatasetError(f"{path}: is gone; nobody else may work in the staging area")
+    return KnownFile(sha256, state)
 
 
 def _check_files(old: Shard, stage: Stage) -> None:
@@ -105,12 +117,12 @@ def shard_files(descriptor: Descriptor) -> tuple[str, ...]:
     return (*tables, MEDIA_FILE) if FRAMES in descriptor.tables else tables
 
 
-def _members(places: Places, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:
+def _members(log: PlaceLog, groups: Sequence[StagedGroup], old: Shard | None) -> list[_Member]:
     members = [_Member(group.index, group.record(i), group) for group in groups for i in group.rollout_ids]
     replaced = {group.group_id for group in groups}
     if old is not None:
         kept = [record for record in old.records() if record["group_id"] not in replaced]
-        members += [_Member(places.committed[record["group_id"]], record, None) for record in kept]
+        members += [_Member(log.committed[record["group_id"]], record, None) for record in kept]
     members.sort(key=lambda member: member.record["rollout_id"])
     ids = [member.record["rollout_id"] for member in members]
     if len(set(ids)) < len(ids):
@@ -119,15 +131,11 @@ def _members(places: Places, groups: Sequence[StagedGroup], old: Shard | None) -
     return members
 
 
-def _rollouts_table(members: Sequence[_Member], places: Places) -> pa.Table:
+def _rollouts_table(members: Sequence[_Member], groups_per_shard: int) -> pa.Table:
     import pyarrow as pa
 
-    note = {
-        "groups_per_shard": places.groups_per_shard,
-        "places": {member.record["group_id"]: member.place for member in members},
-    }
     table = pa.Table.from_pylist([member.record for member in members], schema=table_schema(ROLLOUTS))
-    return table.replace_schema_metadata({_PLACES_KEY: json.dumps(note, sort_keys=True).encode()})
+    return PlaceNote(groups_per_shard, {member.record["group_id"]: member.place for member in members}).add_to(table)
 
 
 def _stream_table(name: str, members: Sequence[_Member], old: Shard | None) -> pa.Table:
@@ -144,8 +152,13 @@ def _stream_table(name: str, members: Sequence[_Member], old: Shard | None) -> p
     return pa.concat_tables(pieces)
 
 
-def _archive_images(members: Sequence[_Member], old: Shard | None, descriptor: Descriptor, draft: Path) -> pa.Table:
-    """Write the archive of the members' images into the folder `draft`; their index. None is written without images."""
+def _archive_images(
+    members: Sequence[_Member], old: Shard | None, descriptor: Descriptor, draft: Path
+) -> tuple[pa.Table, str]:
+    """Write the archive of the members' images into the folder `draft`; their index, and its digest.
+
+    None is written without images.
+    """
     import pyarrow as pa
 
     kept = (old.rows(FRAMES), old.media(descriptor)) if old is not None else (None, None)
@@ -168,7 +181,7 @@ def _archive_images(members: Sequence[_Member], old: Shard | None, descriptor: D
     index = pa.concat_tables(pieces)
     if not index.num_rows:
         (draft / MEDIA_FILE).unlink()
-    return index
+    return index, archive.digest
 
 
 def _archived(rows: pa.Table, media: MediaFolder, archive: MediaArchive) -> pa.Table:
@@ -228,28 +241,56 @@ def install_ready_shards(stage: Stage) -> None:
             _install(stage, index)
 
 
-def committed_places(stage: Stage, groups_per_shard: int) -> Places:
-    """Places of the groups in the visible shards, as their writer noted them.
+def recover_log(stage: Stage, groups_per_shard: int, digests: Mapping[str, KnownFile]) -> None:
+    """Let the log say what the visible shards hold; call it under the registry lock.
+
+    A shard whose rollouts file is the one that was committed is believed; the note of another one is read.
+
+    Args:
+        stage: The staging area, of this or of an earlier version.
+        groups_per_shard: Places of one shard.
+        digests: Files whose digest is known from elsewhere, by path.
 
     Raises:
         DatasetError: A shard was not written by this writer, or its note is damaged.
         UsageError: The shards hold another number of groups.
     """
-    committed: dict[str, int] = {}
-    for shard in find_shards(stage.dataset):
-        note = _note(shard)
-        if note["groups_per_shard"] != groups_per_shard:
-            found = note["groups_per_shard"]
-            raise UsageError(f"{stage.root}: has {found} groups per shard, not {groups_per_shard}; pass {found}")
-        committed |= note["places"]
-    return Places(groups_per_shard, committed)
+    log = stage.log
+    is_right = log.read_on() and log.groups_per_shard == groups_per_shard and not log.is_torn
+    shards = find_shards(stage.dataset)
+    is_right &= log.shards == [shard.index for shard in shards]
+    found = []
+    for shard in shards:
+        logged = log.read_shard(shard.index)
+        found.append(_recovered(stage, shard, logged, groups_per_shard, digests))
+        is_right &= found[-1] == logged
+    if not is_right:
+        log.begin(groups_per_shard, found)
 
 
-def _note(shard: Shard) -> Mapping[str, Any]:
-    metadata = shard.decode(ROLLOUTS).schema.metadata or {}
-    if _PLACES_KEY not in metadata:
+def _recovered(
+    stage: Stage, shard: Shard, logged: CommittedShard | None, groups_per_shard: int, digests: Mapping[str, KnownFile]
+) -> CommittedShard:
+    rollouts = shard.path(ROLLOUTS)
+    folder = f"{RAW_DIR}/{shard.folder.name}"
+    known = {name: digests[path] for name in shard_files(stage.descriptor) if (path := f"{folder}/{name}") in digests}
+    if logged is not None and rollouts not in digests:
+        committed = logged.files.get(TABLES[ROLLOUTS].file_name)
+        if committed is not None and committed.state == FileState.at(stage.root / rollouts):
+            known = {**logged.files, **known}
+            _check_size(stage, stage.log.groups_per_shard, groups_per_shard)
+            return replace(logged, files=known)
+    table = shard.decode(ROLLOUTS)
+    note = PlaceNote.of(table, str(shard.folder))
+    if note is None:
         raise DatasetError(
             f"{shard.folder}: another program wrote this; `DatasetWriter` can only continue its own datasets"
         )
-    note: dict[str, Any] = json.loads(metadata[_PLACES_KEY])
-    return note
+    _check_size(stage, note.groups_per_shard, groups_per_shard)
+    rollout_ids = table.column("rollout_id").to_pylist()
+    return CommittedShard.of(shard.index, note.in_shard(shard.index), rollout_ids, known)
+
+
+def _check_size(stage: Stage, found: int, groups_per_shard: int) -> None:
+    if found != groups_per_shard:
+        raise UsageError(f"{stage.root}: has {found} groups per shard, not {groups_per_shard}; pass {found}")

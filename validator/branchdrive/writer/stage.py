@@ -5,7 +5,7 @@
     .staging/
       writer.lock        held by the one `DatasetWriter`
       registry.lock      held for a moment by whoever changes which groups are staged or committed
-      places.json        groups per shard, and the place of every committed group
+      places.log         places of a shard, and a line for every committed one: its groups, its attempts, its digests
       maps.arrow         the maps of all towns, where they are claimed
       locks/<group>.lock held by the one `GroupWriter` of a group
       groups/00000007.<group>/<rollout>/<table>.arrow, and media.bin with the images of the rollout
@@ -15,16 +15,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import MANIFEST_FILE, MAX_SHARD_INDEX, RAW_DIR, STAGING_DIR, WRITER_LOCK
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete, make_dir, move, partial_path, remove, replace_file
@@ -32,39 +29,13 @@ from branchdrive.formats.folder import Folder
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, rollouts_of
 from branchdrive.runtime.file_lock import FileLock
+from branchdrive.writer.place_log import LOG_FILE, PlaceLog, place_log
 from branchdrive.writer.staged_group import StagedGroup, arrow_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Places", "Stage"]
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where groups belong: place ``i`` lies in shard ``i // groups_per_shard``.
-
-    Attributes:
-        groups_per_shard: Places of one shard.
-        committed: Place of every group that is in a shard, by group id.
-    """
-
-    groups_per_shard: int
-    committed: Mapping[str, int]
-
-    def shard_of(self, index: int) -> int:
-        """Shard that place `index` lies in."""
-        return index // self.groups_per_shard
-
-    def render(self) -> bytes:
-        """The places as a JSON document."""
-        return dump_json({"committed": dict(self.committed), "groups_per_shard": self.groups_per_shard})
-
-    @classmethod
-    def parse(cls, content: bytes) -> Places:
-        """The places of a document made by `render`."""
-        document = json.loads(content)
-        return cls(document["groups_per_shard"], document["committed"])
+__all__ = ["Stage"]
 
 
 class Stage:
@@ -80,7 +51,7 @@ class Stage:
         self._writer_lock = FileLock(self.folder / WRITER_LOCK)
         self._registry_path = self.folder / "registry.lock"
         self._locks_dir = self.folder / "locks"
-        self._places_path = self.folder / "places.json"
+        self._log_path = self.folder.absolute() / LOG_FILE
         self._maps_path = self.folder / "maps.arrow"
 
     @property
@@ -113,11 +84,11 @@ class Stage:
     def remove(self) -> None:
         """Delete the staging area of a finished dataset; call it under the registry lock.
 
-        The places go first, so that no group can be claimed any more, and the locks go last, the
+        The log goes first, so that no group can be claimed any more, and the locks go last, the
         writer's after all others, so that the next writer starts from nothing.
         """
         locks = (self._registry_path, self._writer_lock.path)
-        delete(self._places_path)
+        delete(self._log_path)
         for path in self.folder.iterdir():
             if path not in locks:
                 delete(path)
@@ -143,24 +114,24 @@ class Stage:
         finally:
             lock.release()
 
-    def load_places(self) -> Places:
-        """Places of the committed groups.
+    def read_log(self) -> PlaceLog:
+        """The log of committed shards; call it, and use what it gives, under the registry lock.
 
         Raises:
             UsageError: No `DatasetWriter` has opened the dataset.
         """
-        try:
-            content = self._places_path.read_bytes()
-        except FileNotFoundError:
-            raise self._unopened_error() from None
-        return Places.parse(content)
+        log = self.log
+        if not log.read_on():
+            raise self._unopened_error()
+        return log
+
+    @property
+    def log(self) -> PlaceLog:
+        """The log as far as this process has read it, whether or not there is one."""
+        return place_log(self._log_path)
 
     def _unopened_error(self) -> UsageError:
         return UsageError(f"{self.root}: open the dataset with `DatasetWriter` before writing groups")
-
-    def save_places(self, places: Places) -> None:
-        """Record which groups are committed."""
-        replace_file(self._places_path, places.render())
 
     def save_maps(self, maps: Mapping[str, pa.Table]) -> None:
         """Keep the maps of all towns, by name, for readers of the staging area."""
@@ -216,30 +187,32 @@ class Stage:
             raise UsageError(f"group `{group_id}` is open in this process already; close its writer first")
         while True:
             with self.registry():
-                places = self.load_places()
-                self._check_place(group_id, index, places)
+                log = self.read_log()
+                self._check_place(group_id, index, log)
                 if lock.acquire(blocking=False):
                     try:
                         self.unfinish()
-                        return self._open_group(group_id, index, places), lock
+                        return self._open_group(group_id, index, log), lock
                     except BaseException:
                         lock.release()
                         raise
             with suppress(FileNotFoundError), lock:
                 pass  # the group's writer is done; look again at what it left
 
-    def _check_place(self, group_id: str, index: int, places: Places) -> None:
-        if places.shard_of(index) > MAX_SHARD_INDEX:
-            last = (MAX_SHARD_INDEX + 1) * places.groups_per_shard - 1
+    def _check_place(self, group_id: str, index: int, log: PlaceLog) -> None:
+        if log.shard_of(index) > MAX_SHARD_INDEX:
+            last = (MAX_SHARD_INDEX + 1) * log.groups_per_shard - 1
             raise UsageError(f"place of group `{group_id}` must be at most {last}, found {index}; choose another index")
-        taken = dict(places.committed) | {group.group_id: group.index for group in self.groups()}
-        if taken.get(group_id, index) != index:
-            raise UsageError(f"group `{group_id}` has place {taken[group_id]}, not {index}")
-        holder = next((other for other, place in taken.items() if place == index and other != group_id), None)
+        staged = {group.group_id: group.index for group in self.groups()}
+        place = staged.get(group_id, log.committed.get(group_id, index))
+        if place != index:
+            raise UsageError(f"group `{group_id}` has place {place}, not {index}")
+        holders = [other for other, place in staged.items() if place == index]
+        holder = next((other for other in (*holders, log.holder_of(index)) if other not in (group_id, None)), None)
         if holder is not None:
             raise UsageError(f"place {index} of group `{group_id}` is taken by group `{holder}`; choose another index")
 
-    def _open_group(self, group_id: str, index: int, places: Places) -> StagedGroup:
+    def _open_group(self, group_id: str, index: int, log: PlaceLog) -> StagedGroup:
         group = StagedGroup(self.groups_dir / StagedGroup.folder_name(index, group_id))
         if group.folder.exists():
             group.reopen()
@@ -247,8 +220,8 @@ class Stage:
         draft = StagedGroup(partial_path(group.folder))
         delete(draft.folder)
         draft.folder.mkdir()
-        if group_id in places.committed:
-            self._bring_back(draft, group_id, Shard(self.dataset, places.shard_of(index)))
+        if group_id in log.committed:
+            self._bring_back(draft, group_id, Shard(self.dataset, log.shard_of(index)))
         move(draft.folder, group.folder)
         return group
 

@@ -22,10 +22,14 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.runtime.file_lock import FileLock
 from branchdrive.writer.assembly import assemble_shard
+from branchdrive.writer.place_log import LOG_FILE
 from branchdrive.writer.stage import Stage
 from branchdrive.writer.staged_group import StagedGroup
 
 __all__ = ["GroupState", "StagedFacts", "abandon_group", "close_group", "snapshot", "staged_groups"]
+
+_EARLIER_LOG = "places.json"
+"""Where earlier versions kept places, whole; a writer reads the shards instead."""
 
 GroupState = Literal["closed", "open", "written now"]
 
@@ -50,8 +54,14 @@ class StagedFacts:
 
 
 def _open_stage(root: Path) -> Stage:
-    if not (root / STAGING_DIR / "places.json").is_file():
-        others = sorted(entry.name for entry in area.iterdir()) if (area := root / STAGING_DIR).is_dir() else []
+    area = root / STAGING_DIR
+    if (area / _EARLIER_LOG).is_file() and not (area / LOG_FILE).is_file():
+        raise UsageError(
+            f"{root}: an earlier version of branchdrive began the collection; run the collector's command again, which "
+            "goes on with it"
+        )
+    if not (area / LOG_FILE).is_file():
+        others = sorted(entry.name for entry in area.iterdir()) if area.is_dir() else []
         if others:
             raise UsageError(
                 f"{root}: no collection runs or was cut off there; {STAGING_DIR} belongs to a rendering, a build or a "
@@ -70,7 +80,7 @@ def staged_groups(root: Path) -> list[StagedFacts]:
     """
     stage = _open_stage(root)
     with stage.registry():
-        committed = stage.load_places().committed
+        committed = stage.read_log().committed
         return [
             StagedFacts(g.index, g.group_id, _state(stage, g), len(g.rollout_ids), g.group_id in committed)
             for g in stage.groups()
@@ -144,7 +154,8 @@ def _copy(root: Path, target: Path) -> None:
     copy = Stage(target, source.descriptor)
     copy.hold()
     with source.registry():  # nothing is committed, reopened or dropped meanwhile
-        places, maps = source.load_places(), source.load_maps()
+        num_committed, maps = len(source.read_log().committed), source.load_maps()
+        shutil.copyfile(source.folder / LOG_FILE, copy.folder / LOG_FILE)
         shutil.copyfile(root / DESCRIPTOR_FILE, target / DESCRIPTOR_FILE)
         if (root / RAW_DIR).exists():
             shutil.copytree(root / RAW_DIR, target / RAW_DIR, copy_function=_link)
@@ -153,12 +164,12 @@ def _copy(root: Path, target: Path) -> None:
             folder.mkdir()
             for rollout_id in group.rollout_ids:
                 shutil.copytree(group.folder / rollout_id, folder / rollout_id, copy_function=_link)
-    copy.save_places(places)
     staged = [group for group in copy.groups() if group.rollout_ids]
-    if not staged and not places.committed:
+    if not staged and not num_committed:
         raise UsageError(f"{root}: no rollout is finished yet; look again later")
-    for shard in sorted({places.shard_of(group.index) for group in staged}):
-        assemble_shard(copy, places, shard, [g for g in staged if places.shard_of(g.index) == shard], maps)
+    log = copy.read_log()
+    for shard in sorted({log.shard_of(group.index) for group in staged}):
+        assemble_shard(copy, log, shard, [g for g in staged if log.shard_of(g.index) == shard], maps)
     write_manifest(copy.dataset, build_manifest(copy.dataset))
     copy.remove()
     copy.let_go()

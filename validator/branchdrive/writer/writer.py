@@ -15,8 +15,7 @@ Source: spec/03-layout.md.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -25,13 +24,15 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
 from branchdrive.errors import ContractError, UsageError
 from branchdrive.formats.descriptor_file import differing_fields, render_descriptor
-from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, write_manifest
+from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, read_manifest, write_manifest
 from branchdrive.formats.media_archive import MAX_CAMERA_NAME
 from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard
-from branchdrive.writer.assembly import assemble_shard, committed_places, install_ready_shards, shard_files
+from branchdrive.writer.assembly import assemble_shard, install_ready_shards, recover_log, shard_files
 from branchdrive.writer.buffer import map_table
 from branchdrive.writer.group_writer import GroupWriter
+from branchdrive.writer.identity_print import repeated
+from branchdrive.writer.place_log import FileState, KnownFile, PlaceLog
 from branchdrive.writer.stage import Stage
 
 __all__ = ["DatasetWriter"]
@@ -117,15 +118,20 @@ class DatasetWriter:
     def _recover(self, groups_per_shard: int) -> None:
         with self._stage.registry():
             self._check_folder()
-            if self.is_finished:
-                check_against_manifest(self._stage.dataset)
+            digests = self._checked_digests() if self.is_finished else {}
             if not (self.root / DESCRIPTOR_FILE).exists() or self._is_described_otherwise():
                 self._stage.clear()  # what a start that failed before its first rollout left
                 self._stage.dataset.replace(DESCRIPTOR_FILE, render_descriptor(self.descriptor))
             self._stage.sweep()
             self._stage.save_maps(self._maps)
             install_ready_shards(self._stage)
-            self._stage.save_places(committed_places(self._stage, groups_per_shard))
+            recover_log(self._stage, groups_per_shard, digests)
+
+    def _checked_digests(self) -> dict[str, KnownFile]:
+        """Digests of a finished dataset, each of which its file was found to have."""
+        states = {path: FileState.at(self.root / path) for path in read_manifest(self._stage.dataset)[0].files}
+        manifest = check_against_manifest(self._stage.dataset)
+        return {path: KnownFile(manifest.files[path], state) for path, state in states.items() if state is not None}
 
     @property
     def is_finished(self) -> bool:
@@ -146,8 +152,9 @@ class DatasetWriter:
         self._check_open()
         if index is None:
             with self._stage.registry():
-                places = self._group_places()
-                index = places.get(group_id, max(places.values(), default=-1) + 1)
+                log, staged = self._stage.read_log(), {group.group_id: group.index for group in self._stage.groups()}
+                next_place = max(log.last_place, *staged.values(), -1) + 1
+                index = staged.get(group_id, log.committed.get(group_id, next_place))
         return GroupWriter(self.root, self.descriptor, group_id, index)
 
     @property
@@ -155,20 +162,25 @@ class DatasetWriter:
         """Place of every group that was begun, by its id."""
         self._check_open()
         with self._stage.registry():
-            return self._group_places()
+            return self._stage.read_log().committed | {group.group_id: group.index for group in self._stage.groups()}
 
-    def _group_places(self) -> dict[str, int]:
-        staged = {group.group_id: group.index for group in self._stage.groups()}
-        return dict(self._stage.load_places().committed) | staged
+    @property
+    def closed(self) -> frozenset[str]:
+        """Ids of the groups whose collection is over: closed in the stage, or committed in a shard."""
+        self._check_open()
+        with self._stage.registry():
+            staged = {group.group_id: group.is_closed for group in self._stage.groups()}
+            committed = self._stage.read_log().committed
+            return frozenset(staged.keys() | committed.keys()) - {i for i, is_closed in staged.items() if not is_closed}
 
     def is_closed(self, group_id: str) -> bool:
-        """Whether the group's collection is over: closed in the stage, or committed in a shard."""
+        """Whether the group's collection is over: see `closed`."""
         self._check_open()
         with self._stage.registry():
             for group in self._stage.groups():
                 if group.group_id == group_id:
                     return group.is_closed
-            return group_id in self._stage.load_places().committed
+            return group_id in self._stage.read_log().committed
 
     def commit(self) -> int:
         """Write every shard whose places are all taken by closed groups; the number of shards written.
@@ -178,26 +190,28 @@ class DatasetWriter:
             UsageError: The writer is closed.
         """
         self._check_open()
-        return sum(self._commit_shard(shard, partial=False) for shard in self._staged_shards())
+        return sum(self._commit_shard(shard, partial=False) for shard in self._staged_shards(partial=False))
 
-    def _staged_shards(self) -> list[int]:
+    def _staged_shards(self, *, partial: bool) -> list[int]:
+        """Shards with staged groups; those with a free place if `partial` only."""
         with self._stage.registry():
-            places = self._stage.load_places()
-            return sorted({places.shard_of(group.index) for group in self._stage.groups()})
+            log = self._stage.read_log()
+            places: dict[int, set[int]] = {}
+            for group in self._stage.groups():
+                places.setdefault(log.shard_of(group.index), set()).add(group.index)
+            return sorted(shard for shard, taken in places.items() if partial or _is_full(log, shard, taken))
 
     def _commit_shard(self, shard: int, *, partial: bool) -> bool:
         """Write one shard unless a group in it is open or, if not `partial`, a place in it is free."""
         with self._stage.registry():
-            places = self._stage.load_places()
-            groups = [group for group in self._stage.groups() if places.shard_of(group.index) == shard]
-            taken = {group.index for group in groups}
-            taken |= {index for index in places.committed.values() if places.shard_of(index) == shard}
+            log = self._stage.read_log()
+            groups = [group for group in self._stage.groups() if log.shard_of(group.index) == shard]
             filled = [group for group in groups if group.rollout_ids]
             if not filled or not all(group.is_closed for group in groups):
                 return False
-            if len(taken) < places.groups_per_shard and not partial:
+            if not partial and not _is_full(log, shard, (group.index for group in groups)):
                 return False
-            assemble_shard(self._stage, places, shard, filled, self._maps)
+            assemble_shard(self._stage, log, shard, filled, self._maps)
             return True
 
     def finalize(self) -> str:
@@ -217,48 +231,57 @@ class DatasetWriter:
         self._check_open()
         self._check_none_open()
         if self.is_finished:  # and nothing was added to it
-            identity = check_against_manifest(self._stage.dataset).identity
+            with self._stage.registry():
+                known = self._known_digests(self._stage.read_log())
+            identity = check_against_manifest(self._stage.dataset, known=known).identity
             self.close()
             return identity
-        for shard in self._staged_shards():
+        for shard in self._staged_shards(partial=True):
             self._commit_shard(shard, partial=True)
-        self._check_rollouts()
         with self._stage.registry():
             self._check_none_open()
+            log = self._stage.read_log()
+            self._check_rollouts(log)
             for empty in self._stage.groups():
                 self._stage.drop(empty)
-            manifest = build_manifest(self._stage.dataset)
-            self._check_places(manifest)
+            manifest = build_manifest(self._stage.dataset, known=self._known_digests(log))
+            self._check_places(manifest, log)
             write_manifest(self._stage.dataset, manifest)
             self._stage.remove()  # no other writer can begin before this
         self._stage.let_go()
         return manifest.identity
+
+    def _known_digests(self, log: PlaceLog) -> dict[str, str]:
+        """Digests, by path, of files that have not changed since they were written or checked."""
+        digests = {}
+        for index in log.shards:
+            committed, folder = log.read_shard(index), Shard(self._stage.dataset, index).folder
+            for name, file in committed.files.items() if committed is not None else ():
+                if file.state == FileState.at(folder / name):
+                    digests[f"{RAW_DIR}/{folder.name}/{name}"] = file.sha256
+        return digests
 
     def _check_none_open(self) -> None:
         open_groups = [group.group_id for group in self._stage.groups() if not group.is_closed]
         if open_groups:
             raise UsageError(f"{self.root}: groups {open_groups} are open; close each with `begin_group(...).close()`")
 
-    def _shards(self) -> list[Shard]:
-        """The shards that hold the committed groups."""
-        places = self._stage.load_places()
-        return [
-            Shard(self._stage.dataset, index)
-            for index in sorted({places.shard_of(i) for i in places.committed.values()})
-        ]
-
-    def _check_rollouts(self) -> None:
-        rollouts = (shard.decode(ROLLOUTS) for shard in self._shards())
-        counts = Counter(rollout_id for table in rollouts for rollout_id in table.column("rollout_id").to_pylist())
-        if not counts:
+    def _check_rollouts(self, log: PlaceLog) -> None:
+        prints = {index: shard.rollout_prints for index in log.shards if (shard := log.read_shard(index)) is not None}
+        if not any(map(len, prints.values())):
             raise UsageError(f"{self.root}: there is no rollout to finish a dataset with")
-        repeated = sorted(rollout_id for rollout_id, count in counts.items() if count > 1)
-        if repeated:
-            raise ContractError(f"rollout ids {repeated} occur in two groups; give every attempt its own rollout_id")
+        ids = sorted(repeated(prints, self._rollout_ids))
+        if ids:
+            raise ContractError(f"rollout ids {ids} occur in two groups; give every attempt its own rollout_id")
 
-    def _check_places(self, manifest: Manifest) -> None:
+    def _rollout_ids(self, shard: int) -> list[str]:
+        ids: list[str] = Shard(self._stage.dataset, shard).decode(ROLLOUTS).column("rollout_id").to_pylist()
+        return ids
+
+    def _check_places(self, manifest: Manifest, log: PlaceLog) -> None:
+        shards = (Shard(self._stage.dataset, index) for index in log.shards)
         own = {DESCRIPTOR_FILE} | {
-            f"{RAW_DIR}/{shard.folder.name}/{name}" for shard in self._shards() for name in shard_files(self.descriptor)
+            f"{RAW_DIR}/{shard.folder.name}/{name}" for shard in shards for name in shard_files(self.descriptor)
         }
         foreign = sorted(set(manifest.files) - own)
         if foreign:
@@ -286,3 +309,8 @@ class DatasetWriter:
 
     def __repr__(self) -> str:
         return f"DatasetWriter({str(self.root)!r}, dataset {self.descriptor.dataset_id!r})"
+
+
+def _is_full(log: PlaceLog, shard: int, staged: Iterable[int]) -> bool:
+    """Whether every place of a shard is taken by a group that is staged or committed."""
+    return len({*staged, *log.groups_of(shard).values()}) == log.groups_per_shard

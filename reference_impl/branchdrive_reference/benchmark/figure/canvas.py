@@ -91,9 +91,12 @@ def render(draw: Callable[[], Figure]) -> dict[str, bytes]:
 
 
 def _settle(figure: Figure) -> None:
-    """Lay out once and round: the solver's last bits differ from run to run, and names in an SVG hang on them."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    """Lay out once and round: the solver's last bits differ from run to run, and names in an SVG hang on them.
+
+    No layout engine is left, not even the one that does nothing: saving would draw twice for it.
+    """
+    figure.get_layout_engine().execute(figure)  # type: ignore[union-attr]
+    figure.set_layout_engine(None)
     for axes in figure.axes:
         left, bottom, width, height = axes.get_position(original=True).bounds
         axes.set_position((round(left, 5), round(bottom, 5), round(width, 5), round(height, 5)))

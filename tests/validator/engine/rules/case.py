@@ -247,6 +247,8 @@ PURE = (
     "branchdrive.leakage.battery.held_out_score",
     "branchdrive.leakage.recompute._redrawn",
     "branchdrive.quality.retention._resampled_sums",
+    "branchdrive.raw.media.image_eye.decode_image",
+    "branchdrive.raw.media.image_eye.image_numbers",
 )
 """Functions of their arguments alone that most of a judgement's time goes into.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.audits import validate_once
 from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, NUM_TICKS, make_group
 from tests.validator.engine.rules.case import ACCELERATE, BRAKE, NOMINAL, REPLAY, SHARD_0, SHARD_1, STEER_LEFT
@@ -28,7 +29,7 @@ def judge(draft: Draft, tmp_path: Path) -> dict[str, Tally]:
 
 
 def report_of(draft: Draft, tmp_path: Path) -> Report:
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = validate_once(draft.write(tmp_path / "dataset"))
     assert report.errors == ()
     return report
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.audits import validate_once
 from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
 from tests.validator.engine.rules.case import BRAKE, SHARD_0, SHARD_1, STEER_LEFT
@@ -14,13 +15,12 @@ from tests.validator.engine.rules.cases.controls import window_longer_by_a_tick
 
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.engine.report import Report
-from branchdrive.engine.validate import validate
 
 CONTROLS = f"{SHARD_1}/controls.parquet"
 
 
 def judge(draft: Draft, tmp_path: Path) -> Report:
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = validate_once(draft.write(tmp_path / "dataset"))
     assert report.errors == ()
     assert not any("Traceback" in finding.message for finding in report.findings)
     return report
@@ -126,5 +126,5 @@ def test_ttc_of_999(tmp_path: Path) -> None:
 def test_required_groups_turn_a_lost_group_into_exit_code_1(tmp_path: Path) -> None:
     draft = new_draft()
     window_longer_by_a_tick(draft)
-    report = validate(draft.write(tmp_path / "dataset"), require_groups=3)
+    report = validate_once(draft.write(tmp_path / "dataset"), require_groups=3)
     assert (report.verdict, report.exit_code) == ("valid", 1)

@@ -130,10 +130,11 @@ def _actors_within_limits(view: ShardView) -> _Actors:
         gap_limit = gap_limits.take(kinds[here] * np.int64(len(yaw)) + at, mode="clip")  # faster than [kind, frame]
         matters = ~(bounds.gap_m > gap_limit) | ~(bounds.ttc_s > ttc_limits[at])
         kept = np.flatnonzero(matters & (bounds.gap_m <= _NEAR_M))
-        pieces.append((here, columns, kept))
-    rows = np.concatenate([np.zeros(0, np.int64), *(here[kept] for here, _, kept in pieces)])
-    fields = range(len(_ACTOR_COLUMNS))
-    return _actors(rows, [np.concatenate([np.zeros(0), *(c[i][kept] for _, c, kept in pieces)]) for i in fields])
+        pieces.append([here[kept], *(values[kept] for values in columns)])  # the rest is not held
+    if not pieces:
+        return _actors(np.zeros(0, np.int64), [np.zeros(0)] * len(_ACTOR_COLUMNS))
+    rows, *columns = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return _actors(rows, columns)
 
 
 def _routes(view: ShardView) -> tuple[list[tuple[Array, Array, float]], Index]:
@@ -151,9 +152,9 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
     """
     stream = view.stream("actors")
     routes, route_of = _routes(view)
-    order = np.lexsort((stream["actor_id"][objects.row], route_of[stream.rollout[objects.row]]))
-    objects = objects.take(order)
     route = route_of[stream.rollout[objects.row]]
+    order = np.lexsort((stream["actor_id"][objects.row], route))
+    objects, route = objects.take(order), route[order]
     is_new = np.ones(len(order), bool)
     is_new[1:] = np.logical_or.reduce([values[1:] != values[:-1] for values in (route, *objects.boxes)])
     first = np.flatnonzero(is_new)

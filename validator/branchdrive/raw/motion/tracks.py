@@ -150,7 +150,7 @@ def actor_returns(view: ShardView) -> Displacements:
 
 def _displacements(view: ShardView, rows: Index, before: Index) -> Displacements:
     stream, bounds = view.stream("actors"), physical_bounds()
-    time_s = np.asarray((stream.tick[rows] - stream.tick[before]) * TICK_S, np.float64)
+    time_s = np.asarray(np.subtract(stream["tick"][rows], stream["tick"][before], dtype=np.int64) * TICK_S, np.float64)
     off, way = [], []
     for place, velocity in (("x_m", "vel_x_mps"), ("y_m", "vel_y_mps")):
         values, speed = stream[place], stream[velocity]

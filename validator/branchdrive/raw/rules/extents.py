@@ -61,7 +61,7 @@ def _of_actors(view: ShardView, subjects: Mask, k: int, least_m: float) -> Check
     def describe(i: int) -> Mismatch:
         at = int(summary.first_row[i])
         place: Location = {
-            "table": "actors", "column": name, "tick": int(stream.tick[at]), "actor_id": int(stream["actor_id"][at]),
+            "table": "actors", "column": name, "tick": int(stream["tick"][at]), "actor_id": int(stream["actor_id"][at]),
         }  # fmt: skip
         return _described(place, str(stream["actor_class"][at]), k, float(stream[name][at]), int(summary.count[i]))
 

@@ -79,7 +79,7 @@ def _below(table: TableView) -> NDArray[np.intp]:
 
 def _is_stored_as_seen(view: ShardView, table: TableView) -> bool:
     """Whether a stream surely is in the order of its keys: stored as it is seen, of attempts in the order of theirs."""
-    if not isinstance(table, StreamView) or (table.rollout < 0).any() or (np.diff(table.position) < 0).any():
+    if not isinstance(table, StreamView) or table.num_unknown or not table.is_as_stored:
         return False
     if any(after < before for before, after in pairwise(view.rollout_ids)):
         return False
@@ -98,7 +98,7 @@ def rows_belong_to_rollouts(view: ShardView) -> Iterator[Check]:
         if not TABLES[name].is_of_rollouts:
             continue
         stream = view.stream(name)
-        bad = np.flatnonzero((stream.rollout < 0) & stream.valid("rollout_id"))
+        bad = np.flatnonzero(stream.valid("rollout_id")[: stream.num_unknown])
         yield Check.of_rows(
             name,
             "rollout_id",
@@ -137,14 +137,11 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         if name not in view:
             continue
         stream = view.stream(name)
-        first = np.flatnonzero(~stream.repeats)  # of every moment
-        is_known = stream.rollout[first] >= 0
-        lacks_one = is_known & (observations.rows_of(stream)[first] < 0)
-        num_rows = np.diff(first, append=len(stream))
-        orphan = np.repeat(lacks_one, num_rows)
+        orphan = stream.of_moments(observations.rows_of_moments(stream) < 0)
         repeated = stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])
-        if not is_known.all():
-            repeated = repeated & np.repeat(is_known, num_rows)
+        if num_unknown := stream.num_unknown:  # they come first
+            repeated = repeated.copy()
+            orphan[:num_unknown] = repeated[:num_unknown] = False
         yield Check.of_rows(
             name,
             None,

@@ -92,7 +92,7 @@ def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     def describe(i: int) -> Mismatch:
         table, column, row, of_nominal = differences[i]
         stream = view.stream(table)
-        place: Location = {"table": table, "column": column, "tick": int(stream.tick[row])}
+        place: Location = {"table": table, "column": column, "tick": int(stream["tick"][row])}
         return Mismatch(place, f"{quote(stream[column][of_nominal])} as in the nominal", quote(stream[column][row]))
 
     yield Check.of_subjects(judged, judged & differing, describe)
@@ -141,7 +141,7 @@ def _history_difference(view: ShardView, attempt: int) -> Mismatch | None:
             column = next(name for name in columns if differs[name][place])
             row, of_nominal = int(own[place]), int(expected[place])
             texts = [quote(stream[column][i]) if stream.valid(column)[i] else "null" for i in (of_nominal, row)]
-            location: Location = {"table": table, "column": column, "tick": int(stream.tick[row])}
+            location: Location = {"table": table, "column": column, "tick": int(stream["tick"][row])}
             return Mismatch(location, f"{texts[0]} as in the nominal", texts[1])
     return None
 

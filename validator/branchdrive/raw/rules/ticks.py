@@ -271,10 +271,9 @@ def evidence_window_is_complete(view: ShardView, subjects: Mask) -> Iterator[Che
 def actors_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """At every evidence row, ``num_actors`` rows of the actors table."""
     evidence, actors = view.stream("evidence"), view.stream("actors")
-    first = np.flatnonzero(~actors.repeats)  # of every moment
-    frame = evidence.rows_of(actors)[first]
+    frame = evidence.rows_of_moments(actors)
     rows = np.zeros(len(evidence), np.int64)
-    rows[frame[frame >= 0]] = np.diff(first, append=len(actors))[frame >= 0]
+    rows[frame[frame >= 0]] = actors.rows_at_moments[frame >= 0]
     recorded = evidence["num_actors"]
     summary = evidence.by_rollout(rows != recorded)
 

@@ -43,15 +43,16 @@ def _of_actors(
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
         actor_id = int(stream["actor_id"][row])
-        place: Location = {"table": "actors", "column": column, "tick": int(stream.tick[row]), "actor_id": actor_id}
+        place: Location = {"table": "actors", "column": column, "tick": int(stream["tick"][row]), "actor_id": actor_id}
         return Mismatch(place, *text(row), int(summary.count[i]))
 
     return Check.of_subjects(subjects, subjects & summary.any, describe)
 
 
 def _with_rows(view: ShardView, rows: Index) -> Mask:
-    """Attempts with one of some rows of the actors table ``[rollouts]``."""
-    return np.bincount(view.stream("actors").rollout[rows], minlength=view.num_rollouts) > 0
+    """Attempts with one of some rows of the actors table, which are at observations ``[rollouts]``."""
+    owner = view.observations.rollout[view.observations.rows_of(view.stream("actors"))[rows]]
+    return np.bincount(owner, minlength=view.num_rollouts) > 0
 
 
 @rule("BD-ACT-001")
@@ -74,7 +75,7 @@ def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check
 
         def text(row: int, column: str = column, source: dict[int, int] = source) -> tuple[str, str]:
             was, found = (quote(stream[column][k]) for k in (source[row], row))
-            return f"{was}, as at tick {stream.tick[source[row]]}", found
+            return f"{was}, as at tick {stream['tick'][source[row]]}", found
 
         checks.append(_of_actors(view, subjects, compared, rows[bad], column, text))
     yield Check.of_any(*checks)
