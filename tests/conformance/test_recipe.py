@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.recipes.byte_difference import parts_between
+from tests.recipes.cell_difference import cell_operations
 from tests.recipes.difference import recipe_between, tree
 from tests.recipes.table_difference import equal_tables
 
@@ -181,6 +182,17 @@ def _history(groups: list[int]) -> bytes:
     rows = [(f"g{group}", offset, group + offset / 10) for group in groups for offset in range(4)]
     names, offsets, speeds = zip(*rows, strict=True)
     return encode_table(pa.table({"group_id": names, "offset": offsets, "speed_mps": speeds}))
+
+
+@pytest.mark.parametrize("kind", [pa.float32(), pa.float64(), pa.list_(pa.float64())])
+def test_zeros_of_another_sign_are_other_cells(kind: pa.DataType) -> None:
+    zeros = [(0.0, -0.0), (-0.0, -0.0), (float("nan"), float("nan"))]
+    one, other = (
+        pa.table({"a": pa.array([[z[i]] if pa.types.is_list(kind) else z[i] for z in zeros], kind)}) for i in (0, 1)
+    )
+    assert equal_tables(one, one)
+    assert not equal_tables(one, other)
+    assert len(list(cell_operations(one, other))) == 1
 
 
 def test_a_group_that_moves_to_another_partition_is_one_operation_a_table(tmp_path: Path) -> None:

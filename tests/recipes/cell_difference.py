@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 __all__ = ["cell_operations", "cell_values", "equal_columns", "extend", "length"]
 
@@ -35,13 +36,17 @@ _MAX_DISTINCT = 64
 
 
 def equal_columns(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
-    """Whether columns have the same cells."""
-    if one.equals(other):
-        return True
-    if pa.types.is_floating(one.type) and one.is_null() == other.is_null():
-        first, second = (column.to_numpy(zero_copy_only=False) for column in (one, other))
-        return bool(np.array_equal(first, second, equal_nan=True))
-    return repr(one.to_pylist()) == repr(other.to_pylist()) if not pa.types.is_floating(one.type) else False
+    """Whether columns have the same cells: a zero has its sign, and any NaN is like another."""
+    if one.type != other.type or not one.is_null().equals(other.is_null()):
+        return False
+    if pa.types.is_list(one.type):
+        lengths = (pc.list_value_length(column) for column in (one, other))
+        return next(lengths).equals(next(lengths)) and equal_columns(pc.list_flatten(one), pc.list_flatten(other))
+    if pa.types.is_floating(one.type):
+        first, second = (column.drop_null().to_numpy() for column in (one, other))
+        is_same = (first == second) & (np.signbit(first) == np.signbit(second))
+        return bool((is_same | (np.isnan(first) & np.isnan(second))).all())
+    return bool(one.equals(other))
 
 
 def length(operations: Sequence[Mapping[str, Any]]) -> int:
@@ -253,7 +258,7 @@ def _shared_changes(
 def cell_values(cells: list[Any], kind: pa.DataType) -> dict[str, Any]:
     """Cells as a recipe writes them: one value for all, or one for each."""
     written = [_to_cell(cell, kind) for cell in cells]
-    if written and all(cell == written[0] for cell in written):
+    if len({*map(repr, written)}) == 1:
         return {"value": written[0]}
     return {"values": written}
 

@@ -89,7 +89,7 @@ Structurally eligible       3
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.07 [+4.07, +4.07]
+accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.06 [+4.06, +4.06]
 accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]
 accelerate_0.80        3  -0.74 [-2.19, +0.72]  +7.43 [+7.43, +7.43]
 brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]
@@ -161,7 +161,7 @@ g1     Controls valid  does not hold: Applied control equals the online expert w
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.07 [+4.07, +4.07]
+accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.06 [+4.06, +4.06]
 accelerate_0.50        2  -0.94 [-2.77, +0.90]  +5.41 [+5.41, +5.41]
 accelerate_0.80        2  -1.11 [-3.28, +1.07]  +7.43 [+7.43, +7.43]
 brake_0.30             2  +0.03 [-0.03, +0.08]  -2.00 [-2.00, -2.00]

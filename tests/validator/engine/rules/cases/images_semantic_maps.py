@@ -211,9 +211,9 @@ def map_without_lights(d: Draft) -> None:
 
 
 @mutant("BD-FRM-017", base="map", at=LIGHT_AT)
-def lights_moved_by_ten_metres(d: Draft) -> None:
+def lights_moved_by_eleven_metres(d: Draft) -> None:
     _add_signal(d)
-    add_semantic_map(d, signs=_moved(10), tick=LIGHT_TICK)
+    add_semantic_map(d, signs=_moved(11), tick=LIGHT_TICK)
 
 
 @mutant("BD-FRM-017", base="map", at=MAP_AT)
@@ -265,7 +265,7 @@ def light_of_another_lane(d: Draft) -> None:
 @boundary("BD-FRM-017", base="map")
 def light_below_a_waiting_vehicle(d: Draft) -> None:
     """The vehicle ahead stands on the line."""
-    _add_signal(d, ahead_m=23.0)
+    _add_signal(d, ahead_m=24.0)
     add_semantic_map(d, signs=_without(CLASS), tick=LIGHT_TICK)
 
 

@@ -69,7 +69,7 @@ def encoding_of_another_bank(d: ReleaseDraft) -> None:
 # BD-MOD-018, BD-MOD-019: normalisation
 
 
-@mutant("BD-MOD-018", at={"file": NORMALISATION, "pointer": "/num_groups"}, findings=104)
+@mutant("BD-MOD-018", at={"file": NORMALISATION, "pointer": "/num_groups"}, findings=103)
 def normalisation_of_training_and_validation(d: ReleaseDraft) -> None:
     renormalise(d, val="train")
 
