@@ -281,9 +281,11 @@ def _check_places(task: LayerFilesTask, files: _Files, result: LayerFiles) -> No
         codes, texts = TableView(_table_of(path), table).categories("group_id")
         unknown = [place for place, text in enumerate(texts) if text not in groups]
         if unknown:
-            counts = np.bincount(codes[codes >= 0], minlength=len(texts))
+            rows = np.flatnonzero(codes >= 0)
+            counts, first = np.bincount(codes[rows], minlength=len(texts)), np.zeros(len(texts), np.int64)
+            first[codes[rows[::-1]]] = rows[::-1]  # the first row is written last
             result.foreign[path] = {
-                texts[place]: (int(np.argmax(codes == place)), int(counts[place])) for place in unknown if counts[place]
+                texts[place]: (int(first[place]), int(counts[place])) for place in unknown if counts[place]
             }
 
 
