@@ -193,7 +193,7 @@ def test_text_may_be_encoded_as_a_dictionary_or_not(tmp_path: Path) -> None:
         pytest.param({"max_table_columns": 15}, id="columns"),
         pytest.param({"max_table_rows": 4000}, id="rows"),
         pytest.param({"max_table_decoded_bytes": 100_000}, id="decoded bytes"),
-        pytest.param({"max_table_bytes": 50_000}, id="stored bytes"),
+        pytest.param({"max_table_bytes": 5_000}, id="stored bytes"),
     ],
 )
 def test_tables_over_a_limit_are_a_finding(

@@ -34,18 +34,18 @@ def test_no_step_changes_an_input() -> None:
     assert changed() == dict.fromkeys(STEPS, ())
 
 
-def _speed_of_another(view: ShardView, nominals: Any, attempts: Any, offset: int) -> Any:
-    """The inputs, with the speed that other attempts have at an offset from the branch for the nominal's own."""
+def _heading_of_another(view: ShardView, nominals: Any, attempts: Any, offset: int) -> Any:
+    """The inputs, with the heading that other attempts have at an offset from the branch for the speed."""
     inputs = {name: dict(frame) for name, frame in inputs_of(view, nominals).items()}
     rows = view.observations.find(attempts, view.branch_tick[attempts] + offset)
-    speed = np.where(rows >= 0, view.observations["speed_mps"][rows], 0.0).astype(np.float64)
+    heading = np.where(rows >= 0, view.observations["yaw_rad"][rows], 0.0).astype(np.float64)
     speeds = inputs["state"]["speed_mps"]
-    inputs["state"]["speed_mps"] = np.repeat(speed, len(speeds) // len(nominals)).astype(speeds.dtype)
+    inputs["state"]["speed_mps"] = np.repeat(heading, len(speeds) // len(nominals)).astype(speeds.dtype)
     return inputs
 
 
 def _looks_ahead(view: ShardView, nominals: Any) -> Any:
-    return _speed_of_another(view, nominals, nominals, 5)
+    return _heading_of_another(view, nominals, nominals, 5)
 
 
 def _first_by_name(view: ShardView, nominals: Any) -> Any:

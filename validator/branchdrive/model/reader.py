@@ -10,7 +10,6 @@ Source: paper, "Model Inputs and Targets" and "Release Structure"; spec/12-model
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +18,8 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.document import parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS, table_path
-from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.text import nearest, quote
 from branchdrive.driving.feature import InputContract
-from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import Folder
@@ -34,11 +28,11 @@ from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
 from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
 from branchdrive.model.images import ImageHistory
-from branchdrive.model.normalisation_document import Scalings, scalings_of
+from branchdrive.model.normalisation_document import Scalings
+from branchdrive.model.packed_tables import LAYER, PackedTables, model_document, not_expected
 from branchdrive.quality.partition import PARTITIONS
 from branchdrive.quality.variants import EXTENDED, declared_of, members
 from branchdrive.tables.arrow import from_arrow
-from branchdrive.tables.frame import Values
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,9 +41,7 @@ __all__ = ["ModelLayer", "open_model"]
 
 Array = NDArray[np.float64]
 
-LAYER = "model"
 FEATURES_FILE = "model/features.json"
-NORMALISATION_FILE = "model/normalisation.json"
 VARIANTS_FILE = "quality/variants.json"
 
 
@@ -73,8 +65,8 @@ def open_model(root: str | Path, *, follow_links: bool = False, allow: Sequence[
         raise DatasetError(
             f"{root}: has the layers {list(descriptor.layers)} and no model layer; run `branchdrive build`"
         )
-    for wrong in feature_mismatches(_document(folder, FEATURES_FILE), descriptor):
-        raise _not_expected(root, FEATURES_FILE, wrong)
+    for wrong in feature_mismatches(model_document(folder, FEATURES_FILE), descriptor):
+        raise not_expected(root, FEATURES_FILE, wrong)
     return ModelLayer(folder, descriptor)
 
 
@@ -92,7 +84,7 @@ class ModelLayer:
     def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
         self.folder = folder
         self.descriptor = descriptor
-        self._packed = _Packed(folder, descriptor)
+        self._packed = PackedTables(folder, descriptor)
 
     def with_partitions(self, partitions: Mapping[str, str]) -> ModelLayer:
         """The same layer with groups in other partitions; what one of them has read, the other does not read again.
@@ -274,7 +266,7 @@ class ModelLayer:
         return np.flatnonzero(wanted)
 
     def _variant(self, name: str) -> frozenset[str]:
-        document = _document(self.folder, VARIANTS_FILE)
+        document = model_document(self.folder, VARIANTS_FILE)
         try:
             declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
         except UsageError as error:
@@ -320,99 +312,3 @@ class _PartitionedLayer(ModelLayer):
     @property
     def _contexts(self) -> Mapping[str, str]:
         return self._homes
-
-
-class _Packed:
-    """Tables of a model layer, each read and packed when it is first asked for, rows by group id in sorted order.
-
-    In which partition a group is decides nothing but `partitions`, so layers that differ in that have one of these.
-    """
-
-    def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
-        self.folder = folder
-        self.descriptor = descriptor
-
-    def stored(self, table: str) -> pa.Table:
-        if table not in LAYERS[LAYER].tables:
-            raise UsageError(f"no table {table!r} in the model layer, which has {list(LAYERS[LAYER].tables)}")
-        return read_layer_table(self.folder, table)
-
-    def frame(self, table: str) -> dict[str, Values]:
-        return from_arrow(self.stored(table), table)
-
-    @cached_property
-    def partitions(self) -> dict[str, str]:
-        frame = self.frame("contexts")
-        partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
-        if len(partitions) != len(frame["group_id"]):
-            raise DatasetError(f"{self.folder.root}: table `contexts` repeats a group; run `branchdrive-validate`")
-        return partitions
-
-    def _history(self, table: str) -> Array:
-        return arrays.pack_history(self.frame(table), table, tuple(self.partitions))
-
-    @cached_property
-    def media_index(self) -> dict[str, Values]:
-        return self.frame("media_index")
-
-    @cached_property
-    def state(self) -> Array:
-        return self._history("state")
-
-    @cached_property
-    def controls(self) -> Array:
-        return self._history("past_controls")
-
-    @cached_property
-    def expert(self) -> Array:
-        return self._history("expert")
-
-    @cached_property
-    def surroundings(self) -> arrays.Masked | None:
-        return arrays.pack_surroundings(self.frame("surroundings"), tuple(self.partitions))
-
-    @cached_property
-    def actions(self) -> NDArray[np.float32] | None:
-        encoded = arrays.pack_actions(self.frame("actions"), self.descriptor.action_bank.keys)
-        declared = self.descriptor.action_encoding
-        found, expected = None if encoded is None else encoded.shape[1], None if declared is None else declared.width
-        if found != expected:
-            raise DatasetError(
-                f"{self.folder.root}: {table_path('actions')!r}: encodings have width {found}, and the descriptor "
-                f"declares {expected}; run `branchdrive-validate`"
-            )
-        return encoded
-
-    @cached_property
-    def scalars(self) -> Targets:
-        return arrays.pack_scalars(self.frame("scalars"), tuple(self.partitions), self.descriptor.action_bank.keys)
-
-    @cached_property
-    def trajectories(self) -> Array:
-        return arrays.pack_trajectories(
-            self.frame("trajectories"), tuple(self.partitions), self.descriptor.action_bank.keys
-        ).values
-
-    @cached_property
-    def scalings(self) -> Scalings:
-        return scalings_of(_document(self.folder, NORMALISATION_FILE))
-
-
-def _document(folder: Folder, path: str) -> dict[str, Any]:
-    content = folder.read(path, spec_limits().max_document_bytes)
-    try:
-        document = parse_json(content)
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{folder}: {path!r}: {error}; run `branchdrive-validate`") from error
-    layer, _, name = path.partition("/")
-    for wrong in schema_mismatches(document, LAYERS[layer].documents[name].schema):
-        raise _not_expected(folder, path, wrong)
-    read: dict[str, Any] = document
-    return read
-
-
-def _not_expected(root: object, path: str, wrong: Mismatch) -> DatasetError:
-    pointer = wrong.location["pointer"]
-    return DatasetError(
-        f"{root}: {path!r}: {pointer} is {wrong.found}, expected {wrong.expected}; run `branchdrive-validate`"
-    )
