@@ -36,7 +36,7 @@ def rows(folder: Path, *, num_groups: int | None = None, jobs: int = _JOBS) -> I
         jobs: Worker processes of either command.
 
     Raises:
-        BranchDriveError: A command failed, or told less than it used to.
+        BranchDriveError: A command failed, or its report lacks a figure.
     """
     dataset = str(folder / "dataset")
     options = ("--preset", "paper", "--seed", str(_SEED), "--jobs", str(jobs))
@@ -53,8 +53,8 @@ def rows(folder: Path, *, num_groups: int | None = None, jobs: int = _JOBS) -> I
     if validated.exit_code not in set(EXIT_OF_VERDICT.values()) - {EXIT_FAILED}:
         raise BranchDriveError(f"`branchdrive validate` ended with {validated.exit_code}")
     report = json.loads(validated.output)
-    told = f"{minutes(validated.wall_s)}, {report['verdict']}"
-    yield Row(f"validate them, {jobs} worker(s)\n{size(report['dataset'])}", told, "<= 60 min")
+    figures = f"{minutes(validated.wall_s)}, {report['verdict']}"
+    yield Row(f"validate them, {jobs} worker(s)\n{size(report['dataset'])}", figures, "<= 60 min")
     yield Row("peak memory of the validator and its workers", _memory(validated), "<= 2 GiB")
     if report["funnel"]:
         stages = (f"{stage['groups']:,} {stage['title'].lower()}" for stage in report["funnel"]["stages"])

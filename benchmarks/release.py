@@ -141,12 +141,12 @@ def validated_rows(root: Path, bench: ReleaseBench, *, what: str = "release", ba
     if validated.exit_code != 0:
         raise BranchDriveError(f"`branchdrive validate` ended with {validated.exit_code}")
     report = json.loads(validated.output)
-    told = f"{minutes(validated.wall_s)}, {report['verdict']}"
-    yield Row(f"validate the {what}, {bench.jobs} worker(s)\n{size(report['dataset'])}", told, bar)
+    figures = f"{minutes(validated.wall_s)}, {report['verdict']}"
+    yield Row(f"validate the {what}, {bench.jobs} worker(s)\n{size(report['dataset'])}", figures, bar)
     yield Row(f"peak memory of the validator, {what}", memory(validated.main_bytes, validated.worker_bytes), "<= 2 GiB")
     timing = time_validation(root, jobs=bench.jobs, repeats=bench.repeats)
-    told = f"{timing.ratio}\nvalidation {timing.validation}\nfloor {timing.floor}"
-    yield Row(f"{what}, {bench.jobs} worker(s)\ngross, over read + hash + decode", told)
+    figures = f"{timing.ratio}\nvalidation {timing.validation}\nfloor {timing.floor}"
+    yield Row(f"{what}, {bench.jobs} worker(s)\ngross, over read + hash + decode", figures)
 
 
 def _leakage(root: Path, layers: BuiltLayers, bench: ReleaseBench) -> Iterator[Row]:
@@ -157,8 +157,8 @@ def _leakage(root: Path, layers: BuiltLayers, bench: ReleaseBench) -> Iterator[R
     shuffled = f"{inputs.num_groups:,} groups, rows shuffled within groups, {bench.num_seeds:,} seeds"
     for name, p_values in gate.p_values.items():
         found, low = uniformity(p_values), float((p_values <= _SIZE_PROTOCOL.alpha).mean())
-        told = f"D = {found.distance:.3f}, p = {found.p:.2f}; {low:.1%} of p-values at most {_SIZE_PROTOCOL.alpha:g}"
-        yield Row(f"gate's p-values of {name} against uniform\n{shuffled}", told, "p > 0.01")
+        figures = f"D = {found.distance:.3f}, p = {found.p:.2f}; {low:.1%} of p-values at most {_SIZE_PROTOCOL.alpha:g}"
+        yield Row(f"gate's p-values of {name} against uniform\n{shuffled}", figures, "p > 0.01")
     yield Row(
         "gate fails on shuffled rows", f"{gate.failed.mean():.1%} of seeds", f"about {_SIZE_PROTOCOL.alpha:.0%} or less"
     )

@@ -149,8 +149,8 @@ def _ratio_rows(
 
 def _rows_of(what: str, timing: ValidationTiming, start_up: ValidationTiming, *, gross: str, net: str) -> Iterator[Row]:
     for name, found, bar in (("gross", timing, gross), ("net of start-up", timing.net_of(start_up), net)):
-        told = f"{found.ratio}\nvalidation {found.validation}\nfloor {found.floor}"
-        yield Row(f"{what}\n{name}, over read + hash + decode", told, bar)
+        figures = f"{found.ratio}\nvalidation {found.validation}\nfloor {found.floor}"
+        yield Row(f"{what}\n{name}, over read + hash + decode", figures, bar)
 
 
 def _growth(

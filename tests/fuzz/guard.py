@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from branchdrive.runtime import fork_server
+
 __all__ = ["Guard"]
 
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -22,6 +24,10 @@ _CHANGES = {
 """Events that change the file system, and the place of the folder's descriptor among their arguments."""
 
 _STARTS = ("os.system", "os.exec", "os.posix_spawn", "subprocess.Popen", "socket.connect", "socket.bind", "os.fork")
+
+
+_WORKERS = fork_server.__file__
+"""The script that forks the validator's own workers, which is the one program that it starts."""
 
 
 class Guard:
@@ -63,7 +69,7 @@ class Guard:
             folder = arguments[place] if place is not None and len(arguments) > place else None
             if not self._is_own(arguments[0], folder):
                 found.append(f"{event} {arguments[0]!r}")
-        elif event in _STARTS:
+        elif event in _STARTS and not (event == "subprocess.Popen" and _WORKERS in arguments[1]):
             found.append(event)
 
     def _is_own(self, path: Any, folder: Any) -> bool:

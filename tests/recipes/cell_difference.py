@@ -26,10 +26,10 @@ _MAX_SHIFTS = 4
 """Numbers that the rows of a column may be shifted by, each an operation of its own."""
 
 _MIN_TOLD_CHARACTERS = 60
-"""Rows whose numbers take fewer characters are not told by values."""
+"""Rows whose numbers take fewer characters are not selected by values."""
 
 _MAX_CONDITIONS = 3
-"""Columns by whose values rows are told."""
+"""Columns by whose values rows are selected."""
 
 _MAX_DISTINCT = 64
 """Values up to which each may be an operation of its own."""

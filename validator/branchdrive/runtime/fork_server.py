@@ -6,7 +6,7 @@ module of its parent. For a worker it is sent the ends of two pipes; the child t
 do: it loads the main module, and then takes its limits and its work from the parent.
 
 A server ends with the other end of its socket: when that is closed, and when the parent dies, however that happens. It
-serves nobody where it finds another copy of this package than its parent has, or where a library has started a thread,
+refuses where it finds another copy of this package than its parent has, or where a library has started a thread,
 of which forked processes would have nothing but the locks. Workers then start by themselves.
 
 The server runs this file as its script, which needs the standard library alone until the copies are compared.
@@ -32,7 +32,7 @@ __all__ = ["ForkServer", "ForkedPopen", "NoServerError"]
 
 _PACKAGE_DIR = Path(__file__).parents[1]
 _PATIENCE_S = 1.0
-"""How long workers that nobody waits for any more may keep a server from ending."""
+"""How long workers without a waiting parent may keep a server from ending."""
 
 _READY = b"!"
 """What a server sends as it begins to serve."""

@@ -42,7 +42,7 @@ class Tables(Protocol):
 
 
 class TableView:
-    """Typed numpy columns of one table, each in one piece; nulls are filled and told apart by `valid`."""
+    """Typed numpy columns of one table, each in one piece; nulls are filled, and `valid` says where."""
 
     def __init__(self, name: str, table: pa.Table, order: Index | None = None) -> None:
         self.name = name

@@ -98,7 +98,7 @@ def _known(path: Path, sha256: str) -> KnownFile:
     """A file that was just written, and that no rename of its folder changes."""
     state = FileState.at(path)
     if state is None:
-        raise DatasetError(f"{path}: is gone; nobody else may work in the staging area")
+        raise DatasetError(f"{path}: is gone; no other program may work in the staging area")
     return KnownFile(sha256, state)
 
 

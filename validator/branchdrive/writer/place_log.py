@@ -1,7 +1,7 @@
 """The log of committed shards, `.staging/places.log`: a line for each, appended when it is visible and never changed.
 
-The first line says how many places a shard has. A later line of a shard replaces an earlier one. Whoever has read the
-log reads on where it stopped, so that a commit costs everybody the shard that was committed and nothing else.
+The first line says how many places a shard has. A later line of a shard replaces an earlier one. A reader of the
+log goes on where it stopped, so that a commit costs each process the shard that was committed and nothing else.
 
 What counts is in the shards themselves: a last line that a kill cut off is no line, what follows a damaged one is
 forgotten, and the next `DatasetWriter` reads those shards instead.

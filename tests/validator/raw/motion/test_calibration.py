@@ -82,17 +82,18 @@ def test_fast_turns_say_nothing_of_the_pose() -> None:
 
 def test_angles_and_speeds_of_actors_are_measured() -> None:
     rows, turned = TABLES["actors"], np.radians(10.0)
-    vel_x, vel_y, time_s = rows["vel_x_mps"].to_numpy(), rows["vel_y_mps"].to_numpy(), rows["tick"].to_numpy() * 0.05
+    time_s, heading = rows["tick"].to_numpy() * 0.05, rows["yaw_rad"].to_numpy() + turned
+    speed = 1.25 * np.hypot(rows["vel_x_mps"].to_numpy(), rows["vel_y_mps"].to_numpy())
     is_walker = np.array([kind == "pedestrian" for kind in rows["actor_class"].to_pylist()])
     tables = _with(
         "actors",
         x_m=np.where(is_walker, 1.5 * time_s, rows["x_m"].to_numpy()),
         y_m=np.where(is_walker, 2.0 * time_s, rows["y_m"].to_numpy()),
-        vel_x_mps=np.where(is_walker, 0.3, 1.25 * (np.cos(turned) * vel_x - np.sin(turned) * vel_y)),
-        vel_y_mps=np.where(is_walker, 0.4, 1.25 * (np.cos(turned) * vel_y + np.sin(turned) * vel_x)),
+        vel_x_mps=np.where(is_walker, 0.3, speed * np.cos(heading)),
+        vel_y_mps=np.where(is_walker, 0.4, speed * np.sin(heading)),
     )
     found = _of(_view(tables))
-    np.testing.assert_allclose(found["actor_heading"], 10.0, atol=0.01)  # velocities lie on a grid of 1/4096 m/s
-    np.testing.assert_allclose(found["actor_sense"], np.cos(turned), atol=1e-4)
+    np.testing.assert_allclose(found["actor_heading"], 10.0, atol=1e-3)
+    np.testing.assert_allclose(found["actor_sense"], np.cos(turned), atol=1e-5)
     np.testing.assert_allclose(found["actor_speed"], 1.25, rtol=0.02)
     np.testing.assert_allclose(found["pedestrian_speed"], 0.2, rtol=1e-5)

@@ -287,10 +287,10 @@ def _of_ego(view: ShardView) -> dict[str, _Terms]:
         rolls = turns & (np.abs(mean_speed) <= MAX_ROLLING_MPS)
         found["pivot"] = steps.terms(rolls, (cos * way_y - sin * way_x) * turn, turn**2 * vehicle.wheelbase_m)
     found["command"] = steps.terms(turns & (side != 0), turning * side, np.ones(len(row)))
-    # What a vehicle is told is of another table: where it matters, every step is looked at by itself.
-    told = np.flatnonzero((drives & (turns | gains))[place])
-    one = place[told]
-    return found | _of_commands(view, every[told], *(values[one] for values in (mean_speed, turning, gained)))
+    # Commands are of another table: where it matters, every step is looked at by itself.
+    moving = np.flatnonzero((drives & (turns | gains))[place])
+    one = place[moving]
+    return found | _of_commands(view, every[moving], *(values[one] for values in (mean_speed, turning, gained)))
 
 
 def _of_commands(view: ShardView, row: Index, mean_speed: Array, turning: Array, gained: Array) -> dict[str, _Terms]:
