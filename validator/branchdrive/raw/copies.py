@@ -69,11 +69,12 @@ class Copied(NamedTuple):
         source, before_of = np.arange(num_rows), np.full(num_rows, -1)
         source[self.row] = self.source
         before_of[row] = before
-        repeats = (source[row] != row) & (source[before] != before) & (before_of[source[row]] == source[before])
+        of_row, of_before = source[row], source[before]
+        repeats = (of_row != row) & (of_before != before) & (before_of[of_row] == of_before)
         first = np.flatnonzero(~repeats)
         place = before_of
         place[row[first]] = np.arange(len(first))
-        return first, place[np.where(repeats, source[row], row)]
+        return first, place[np.where(repeats, of_row, row)]
 
 
 class Copies:
@@ -170,7 +171,7 @@ def _copied(view: ShardView, stream: StreamView, last_offset: int) -> Copied:
 def _order(stream: StreamView) -> NDArray[np.intp] | None:
     """Order of rows by their keys, ``None`` where they have it: the order in a file carries no meaning."""
     further = [stream[column] for column in TABLES[stream.name].key[2:]]
-    if not further or not (stream.repeats[1:] & (further[0][1:] <= further[0][:-1])).any():
+    if not further or stream.ascends:
         return None
     return np.lexsort((*further[::-1], stream.tick, stream.rollout))
 
@@ -180,8 +181,7 @@ def _shares_context(view: ShardView) -> Mask:
     rollouts, shares = view.rollouts, view.nominal >= 0
     for column in _CONTEXT:
         if TABLES["rollouts"][column].type.startswith("list"):
-            known: dict[bytes, int] = {}
-            codes = np.array([known.setdefault(cell.tobytes(), len(known)) for cell in rollouts[column]], np.int64)
+            codes = rollouts.cells(column)
             shares &= codes == codes[view.nominal]
         else:
             shares &= ~rollouts.differs(column, np.arange(len(rollouts)), view.nominal)

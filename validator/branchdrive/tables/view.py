@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import declared_table
-from branchdrive.tables.arrow import filled
+from branchdrive.tables.arrow import filled, present
 from branchdrive.tables.join import find_sorted
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ class TableView:
         self._valid: dict[str, Mask] = {}
         self._categories: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
         self._extremes: dict[str, tuple[Any, Any]] = {}
+        self._cells: dict[str, Index] = {}
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -78,8 +79,7 @@ class TableView:
         """Rows whose value is not null, ``[rows]``."""
         if column not in self._valid:
             array = self._array(column)
-            full = array.null_count == 0
-            self._valid[column] = self._all if full else array.is_valid().to_numpy(zero_copy_only=False)
+            self._valid[column] = present(array) if array.null_count else self._all
         return self._valid[column]
 
     @cached_property
@@ -107,13 +107,6 @@ class TableView:
             return cells
         return filled(array)
 
-    def pieces(self, columns: Sequence[str], num_rows: int) -> Iterator[tuple[int, list[NDArray[Any]]]]:
-        """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row."""
-        start = 0
-        for batch in self._table.select(columns).to_batches(max_chunksize=num_rows):
-            yield start, [filled(array) for array in batch.columns]
-            start += batch.num_rows
-
     def is_text(self, column: str) -> bool:
         """Whether a column holds text."""
         return declared_table(self.name)[column].type == "string"
@@ -130,7 +123,7 @@ class TableView:
             else:
                 values = self[column][self.valid(column)] if self.num_nulls(column) else self[column]
             pieces = (values[start : start + _CACHED_ROWS] for start in range(0, len(values), _CACHED_ROWS))
-            bounds = [(piece.min(), piece.max()) for piece in pieces] or [(np.inf, -np.inf)]
+            bounds = [(np.minimum.reduce(p), np.maximum.reduce(p)) for p in pieces] or [(np.inf, -np.inf)]
             least, most = zip(*bounds, strict=True)
             self._extremes[column] = np.min(least), np.max(most)  # they keep a NaN, as their parts do
         return self._extremes[column]
@@ -140,6 +133,14 @@ class TableView:
         array = self._array(column)
         lengths = array.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
         return array.flatten().to_numpy(zero_copy_only=False), lengths
+
+    def cells(self, column: str) -> Index:
+        """Codes of the cells of a list column, equal where these hold the same bits ``[rows]``."""
+        if column not in self._cells:
+            known: dict[bytes, int] = {}
+            codes = [known.setdefault(cell.tobytes(), len(known)) for cell in self[column]]
+            self._cells[column] = np.array(codes, np.int64)
+        return self._cells[column]
 
     def categories(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
         """Codes ``[rows]`` into the distinct categories of a text column; -1 where null."""
@@ -290,6 +291,17 @@ class StreamView(TableView):
         found[self.moments] = False
         return found
 
+    @cached_property
+    def ascends(self) -> bool:
+        """Whether every row surely has a greater key than the one before; not told where a key takes text."""
+        if len(self.moments) == len(self):
+            return True
+        further = declared_table(self.name).key[2:]
+        if not further or self.is_text(further[0]):
+            return False
+        part = self[further[0]]
+        return not (self.repeats[1:] & (part[1:] <= part[:-1])).any()
+
     def repeats_with(self, part: NDArray[Any]) -> Mask:
         """Rows that repeat another row's rollout, tick and `part`, a further part of the table's key ``[rows]``."""
         repeated = np.zeros(len(self), bool)
@@ -312,16 +324,16 @@ class StreamView(TableView):
         """Rollouts that have a row ``[rollouts]``."""
         return np.asarray(self.stop > self.start)
 
+    def with_rows(self, rows: Index) -> Mask:
+        """Rollouts that have one of some rows, which come in the order of rollouts ``[rollouts]``."""
+        return np.asarray(np.searchsorted(rows, self.stop) > np.searchsorted(rows, self.start))
+
     def by_rollout(self, marked: Mask) -> RowSummary:
         """Summary of marked rows by rollout."""
-        if not marked.any():
+        rows = np.flatnonzero(marked)
+        if not len(rows):
             none = np.zeros(self.num_rollouts, np.int64)
             return RowSummary(none > 0, none - 1, none)
-        rows = np.flatnonzero(marked)
-        owner = self.rollout
-        rows = rows[owner[rows] >= 0]
-        owner = owner[rows]
-        first = np.full(self.num_rollouts, -1)
-        first[owner[::-1]] = rows[::-1]
-        count = np.bincount(owner, minlength=self.num_rollouts)
-        return RowSummary(count > 0, first, count)
+        first = np.searchsorted(rows, self.start)
+        count = np.searchsorted(rows, self.stop) - first
+        return RowSummary(count > 0, np.where(count > 0, rows.take(first, mode="clip"), -1), count)

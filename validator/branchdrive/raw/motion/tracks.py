@@ -19,7 +19,7 @@ from branchdrive.tables.join import KeyIndex
 
 __all__ = [
     "ActorSteps", "Displacements", "Tracks", "actor_displacements", "actor_returns", "actor_steps",
-    "repeats_nominal", "tracks",
+    "repeats_nominal", "track_frames", "tracks",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -80,6 +80,11 @@ def tracks(view: ShardView) -> Tracks:
     return Tracks(row, np.where(previous >= 0, row[previous], -1), row[resumed], row[left])
 
 
+def track_frames(view: ShardView) -> Index:
+    """Observation of each row of the tracks ``[rows]``."""
+    return view.observations.rows_of(view.stream("actors"))[view.cached(tracks).row]
+
+
 def repeats_nominal(view: ShardView) -> Mask:
     """Observations that are copies as a whole, as the ones before them are, which precede their sources, too.
 
@@ -113,7 +118,7 @@ def actor_steps(view: ShardView) -> ActorSteps:
     """Steps of the tracks of a shard between neighbouring observations."""
     observations, stream = view.observations, view.stream("actors")
     row, before, *_ = view.cached(tracks)
-    compared = (before >= 0) & follows(observations)[observations.rows_of(stream)[row]]
+    compared = np.flatnonzero((before >= 0) & follows(observations)[view.cached(track_frames)])
     row, before = row[compared], before[compared]
     return ActorSteps(row, before, *view.cached(Copies).at_moments("actors").distinct(row, before, len(stream)))
 
