@@ -20,7 +20,7 @@ Source: spec/05-raw-streams.md#evidence.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,19 +77,19 @@ def _closest_corner(
         half_length: Half extent of the boxes at the origin.
         half_width: Half extent of the boxes at the origin.
     """
-    closest = None
-    for reach_x, reach_y in (
-        (along[0] + across[0], along[1] + across[1]),
-        (along[0] - across[0], along[1] - across[1]),
-    ):
-        for corner_x, corner_y in ((x + reach_x, y + reach_y), (x - reach_x, y - reach_y)):
-            to_x = corner_x - np.minimum(np.maximum(corner_x, -half_length), half_length)
-            to_y = corner_y - np.minimum(np.maximum(corner_y, -half_width), half_width)
-            corner = _Corner(to_x * to_x + to_y * to_y, to_x, to_y)
-            if closest is not None:
-                closer = corner.square < closest.square
-                corner = _Corner(*(np.where(closer, *values) for values in zip(corner, closest, strict=True)))
-            closest = corner
+
+    def corner_at(corner_x: Array, corner_y: Array) -> _Corner:
+        to_x = corner_x - np.minimum(np.maximum(corner_x, -half_length), half_length)
+        to_y = corner_y - np.minimum(np.maximum(corner_y, -half_width), half_width)
+        return _Corner(to_x * to_x + to_y * to_y, to_x, to_y)
+
+    front_x, front_y = along[0] + across[0], along[1] + across[1]
+    rear_x, rear_y = along[0] - across[0], along[1] - across[1]
+    closest = corner_at(x + front_x, y + front_y)
+    for reach_x, reach_y in ((-front_x, -front_y), (rear_x, rear_y), (-rear_x, -rear_y)):
+        corner = corner_at(x + reach_x, y + reach_y)
+        closer = corner.square < closest.square
+        closest = _Corner(*(np.where(closer, *values) for values in zip(corner, closest, strict=True)))
     return closest
 
 
@@ -139,7 +139,9 @@ class PairBounds(NamedTuple):
 
 
 @np.errstate(all="ignore")  # a bound beyond all numbers is infinity
-def pair_bounds(offset_x_m: Array, offset_y_m: Array, reach_m: Array, rel_x_mps: Array, rel_y_mps: Array) -> PairBounds:
+def pair_bounds(
+    offset_x_m: Array, offset_y_m: Array, reach_m: NDArray[np.floating[Any]], rel_x_mps: Array, rel_y_mps: Array
+) -> PairBounds:
     """Bounds from ``D`` (second centre minus first), ``h`` and ``v`` (second velocity minus first)."""
     off_x, off_y, reach, rel_x, rel_y = (
         values.astype(np.float32, copy=False) for values in (offset_x_m, offset_y_m, reach_m, rel_x_mps, rel_y_mps)

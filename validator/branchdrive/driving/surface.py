@@ -30,7 +30,7 @@ _MAX_ENTRIES = 4_000_000
 """Cells that pieces are filed in, together: they take 32 MB a column, and a town of 2,000 km of lanes fewer of them."""
 
 _BLOCK_ROWS = 65_536
-_BLOCK_PAIRS = 1_000_000
+_BLOCK_PAIRS = 1 << 17
 _OFFSET, _SPAN = 1 << 23, 1 << 24
 """Coordinates within 1e7 m lie in fewer than 2 ** 23 cells on each side of the origin."""
 

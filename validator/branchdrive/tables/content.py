@@ -75,7 +75,7 @@ def _pieces(view: TableView, column: Column, bounds: Index) -> Iterator[tuple[ND
     """
     rows, ends = slice(bounds[0], bounds[-1]), bounds - bounds[0]
     if column.nullable:
-        yield view.valid(column.name)[rows], ends
+        yield np.ascontiguousarray(view.valid(column.name)[rows]), ends
     if column.type == "string":
         yield from _texts(view, column.name, bounds)
     elif column.type.startswith("list"):

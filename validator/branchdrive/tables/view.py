@@ -84,7 +84,7 @@ class TableView:
 
     @cached_property
     def _all(self) -> Mask:
-        return np.ones(len(self), bool)
+        return np.broadcast_to(np.True_, len(self))
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Values ``[rows]``; null numbers read 0, null flags false, null text ``""``."""
@@ -105,7 +105,19 @@ class TableView:
             for i, (stop, length) in enumerate(zip(np.cumsum(lengths), lengths, strict=True)):
                 cells[i] = items[stop - length : stop]
             return cells
-        return filled(array)
+        values = filled(array)
+        if array.null_count and values.dtype != bool:
+            self._keep(column, array, values)
+        return values
+
+    def _keep(self, column: str, array: pa.Array, values: NDArray[Any]) -> None:
+        """Let the table have the filled values of a column, of which there need not be two."""
+        import pyarrow as pa
+
+        valid = pa.py_buffer(np.packbits(self.valid(column), bitorder="little"))
+        same = pa.Array.from_buffers(array.type, len(array), [valid, pa.py_buffer(values)], array.null_count)
+        place = self._table.schema.get_field_index(column)
+        self._table = self._table.set_column(place, self._table.schema.field(place), same)
 
     def is_text(self, column: str) -> bool:
         """Whether a column holds text."""
@@ -197,7 +209,6 @@ class StreamView(TableView):
     tables have a row at each, that of actors ten, so what is said of moments is kept once for each of them.
 
     Attributes:
-        moments: First row of each moment ``[moments]``.
         start: First row of each rollout ``[rollouts]``.
         stop: Row after the last of each rollout ``[rollouts]``.
     """
@@ -217,14 +228,25 @@ class StreamView(TableView):
         self._order = order
         is_new = np.ones(len(key), bool)
         np.not_equal(key[1:], key[:-1], out=is_new[1:])
-        self._ends: Index = np.append(np.flatnonzero(is_new), len(key))
-        self.moments = self._ends[:-1]
-        repeats = len(self.moments) < len(key)
-        self._rollout, self._key = (values[self.moments] if repeats else values for values in (rollout, key))
+        self._ends: Index | None = None  # of moments, where not every row is one
+        if not is_new.all():
+            self._ends = np.append(np.flatnonzero(is_new), len(key))
+            rollout, key = rollout[is_new], key[is_new]
+        self._rollout, self._key = rollout, key
         self._rows_of: dict[str, Index] = {}
         self.num_rollouts = num_rollouts
-        self.start: Index = self._ends[np.searchsorted(self._rollout, np.arange(num_rollouts), side="left")]
-        self.stop: Index = self._ends[np.searchsorted(self._rollout, np.arange(num_rollouts), side="right")]
+        every = np.arange(num_rollouts)
+        self.start = self._first_rows(np.searchsorted(rollout, every, side="left"))
+        self.stop = self._first_rows(np.searchsorted(rollout, every, side="right"))
+
+    def _first_rows(self, moments: Index) -> Index:
+        """First row of moments, of which one more is at the end."""
+        return moments if self._ends is None else self._ends[moments]
+
+    @property
+    def moments(self) -> Index:
+        """First row of each moment ``[moments]``."""
+        return np.arange(len(self)) if self._ends is None else self._ends[:-1]
 
     @property
     def rollout(self) -> Index:
@@ -243,12 +265,12 @@ class StreamView(TableView):
     @property
     def rows_at_moments(self) -> Index:
         """Number of rows of each moment ``[moments]``."""
-        return np.diff(self._ends)
+        return np.ones(len(self), np.int64) if self._ends is None else np.diff(self._ends)
 
     @property
     def num_unknown(self) -> int:
         """Number of rows whose rollout is unknown."""
-        return int(self._ends[np.searchsorted(self._rollout, 0)])
+        return int(self._first_rows(np.searchsorted(self._rollout, np.array([0])))[0])
 
     @property
     def is_as_stored(self) -> bool:
@@ -264,13 +286,13 @@ class StreamView(TableView):
         """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
         moment = np.where(np.asarray(rollout) >= 0, find_sorted(self._key, key), -1)
-        return moment if len(self.moments) == len(self) else np.append(self.moments, -1)[moment]
+        return moment if self._ends is None else np.append(self.moments, -1)[moment]
 
     def span(self, rollout: Index, tick: Index) -> tuple[Index, Index]:
         """First row of each (rollout, tick), and the row after its last; equal where there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
         first, last = (np.searchsorted(self._key, key, side=side) for side in ("left", "right"))
-        return self._ends[first], self._ends[last]
+        return self._first_rows(first), self._first_rows(last)
 
     def rows_of(self, other: StreamView) -> Index:
         """Row here for each row of `other`, as `find` has it; streams share most of their moments."""
@@ -294,13 +316,15 @@ class StreamView(TableView):
     @cached_property
     def ascends(self) -> bool:
         """Whether every row surely has a greater key than the one before; not told where a key takes text."""
-        if len(self.moments) == len(self):
+        if self._ends is None:
             return True
         further = declared_table(self.name).key[2:]
         if not further or self.is_text(further[0]):
             return False
         part = self[further[0]]
-        return not (self.repeats[1:] & (part[1:] <= part[:-1])).any()
+        descends = part[1:] <= part[:-1]
+        descends[self.moments[1:] - 1] = False
+        return not descends.any()
 
     def repeats_with(self, part: NDArray[Any]) -> Mask:
         """Rows that repeat another row's rollout, tick and `part`, a further part of the table's key ``[rows]``."""

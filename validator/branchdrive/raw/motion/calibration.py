@@ -209,15 +209,9 @@ class _Steps(NamedTuple):
         return self.terms(counts, recorded * known, known**2)
 
 
-@np.errstate(all="ignore")  # what overflows is no number, and says nothing
-def _terms(view: ShardView) -> dict[str, _Terms]:
-    """Terms of every quantity, by name."""
-    return _of_ego(view) | (_of_actors(view) if "actors" in view else {})
-
-
 def calibration(view: ShardView) -> dict[str, Array]:
     """Values of every quantity in every attempt ``[rollouts]``, NaN where it says nothing of it; six decimals."""
-    return {name: _values(view, name, terms) for name, terms in view.cached(_terms).items()}
+    return view.cached(_calibrations)[0]
 
 
 def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
@@ -225,16 +219,34 @@ def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
 
     Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there.
     """
-    observations, found, free = view.observations, dict(view.cached(calibration)), view.cached(is_free)
-    touched, terms = observations.by_rollout(~free).any, view.cached(_terms)
+    return view.cached(_calibrations)[1]
+
+
+@np.errstate(all="ignore")  # what overflows is no number, and says nothing
+def _calibrations(view: ShardView) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Both at once, and first those of the ego, so that terms, which are large, need not be kept."""
+    every, between = _of_terms(view, _of_ego(view))
+    if "actors" in view:
+        of_actors = _of_terms(view, _of_actors(view))
+        every, between = every | of_actors[0], between | of_actors[1]
+    return every, between
+
+
+def _of_terms(view: ShardView, terms: dict[str, _Terms]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Values of quantities in every attempt, and between contacts, from their terms."""
+    every = {name: _values(view, name, terms[name]) for name in terms}
+    observations, found, free = view.observations, every, view.cached(is_free)
+    touched = observations.by_rollout(~free).any
     if touched.any():
         between = _steps_between(free & np.append(touched, False)[observations.rollout])
         found = {name: np.where(touched, _values(view, name, terms[name], between), found[name]) for name in found}
     is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
     between = _steps_between(free & is_after & np.append(view.branched, False)[observations.rollout])
     nothing = np.full(view.num_rollouts, np.nan)
-    after = {name: _values(view, name, terms[name], between) for name in ("yaw_rate", "lateral")}
-    return {name: np.stack([values, after.get(name, nothing)]) for name, values in found.items()}
+    after: dict[str, Array] = {
+        name: _values(view, name, terms[name], between) for name in ("yaw_rate", "lateral") if name in terms
+    }
+    return every, {name: np.stack([values, after.get(name, nothing)]) for name, values in found.items()}
 
 
 def _steps_between(counts: Mask) -> Mask:
@@ -242,7 +254,6 @@ def _steps_between(counts: Mask) -> Mask:
     return np.append(False, counts[1:] & counts[:-1])[: len(counts)]
 
 
-@np.errstate(all="ignore")
 def _values(view: ShardView, name: str, terms: _Terms, counts: Mask | None = None) -> Array:
     """Value of a quantity in every attempt, over the steps that count, by the observation they lead to ``[rollouts]``.
 

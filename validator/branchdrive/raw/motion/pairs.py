@@ -102,7 +102,7 @@ def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
 
 def _actors_within_limits(view: ShardView) -> _Actors:
     """Actors whose bounds do not rule them out, at observations that are no copies."""
-    egos, stream = view.cached(_egos), view.stream("actors")
+    egos, stream = _egos(view), view.stream("actors")
     frame, kinds = view.observations.rows_of(stream), view.cached(_kinds)
     yaw = egos.boxes.yaw_rad
     ego_vel_x, ego_vel_y = egos.speed_mps * np.cos(yaw), egos.speed_mps * np.sin(yaw)
@@ -154,8 +154,8 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
     for index in np.unique(route[first]):
         here = np.flatnonzero(route[first] == index)
         if index >= 0:  # else BD-VAL-005 excludes the attempt
-            of_route = first[here]
-            excess[here] = corridor_excess_m(objects.boxes.take(of_route), *lines.polylines[index], width_m[of_route])
+            of_route, (x, y) = first[here], lines.polylines[index]
+            excess[here] = corridor_excess_m(objects.boxes.take(of_route), x, y, width_m[of_route])
     found = np.empty(len(order))
     found[order] = excess[np.cumsum(is_new) - 1]
     return found
@@ -163,7 +163,7 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
 
 def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
     """The pairs that actors form; `PairRisk.frame` indexes the view's observations."""
-    egos, stream = view.cached(_egos), view.stream("actors")
+    egos, stream = _egos(view), view.stream("actors")
     static = np.flatnonzero(view.cached(_kinds)[actors.row] == _STATIC)
     corridor_m = np.full(len(actors.row), -np.inf)
     corridor_m[static] = _corridor_m(view, actors.take(static))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
 from branchdrive.raw.copies import Copies
-from branchdrive.raw.motion.residual import follows
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.join import KeyIndex
 
@@ -142,8 +142,9 @@ class Displacements(NamedTuple):
 def actor_displacements(view: ShardView) -> Displacements:
     """Displacements of actors between neighbouring observations, those after a contact of the ego among them."""
     row, before, distinct, place = view.cached(actor_steps)
-    _, *found = _displacements(view, row[distinct], before[distinct])
-    return Displacements(row, *(values[place] for values in found))
+    found = _displacements(view, row[distinct], before[distinct])
+    time_s = np.broadcast_to(OBSERVATION_S, len(row))
+    return Displacements(row, found.residual_m[place], found.most_m[place], time_s)
 
 
 def actor_returns(view: ShardView) -> Displacements:

@@ -71,9 +71,9 @@ def _column_codes(table: TableView, column: str) -> NDArray[np.int64]:
     if values.dtype == object:
         seen: dict[bytes, int] = {}
         cells, rows = np.unique(table.cells(column), return_index=True)
-        codes = np.zeros(cells.max(initial=-1) + 1, np.int64)
-        codes[cells] = [seen.setdefault((values[row] + 0.0).tobytes(), len(seen)) for row in rows]
-        return codes[table.cells(column)]
+        code_of = np.zeros(cells.max(initial=-1) + 1, np.int64)
+        code_of[cells] = [seen.setdefault((values[row] + 0.0).tobytes(), len(seen)) for row in rows]
+        return code_of[table.cells(column)]
     return np.unique(values, return_inverse=True)[1].astype(np.int64)
 
 
