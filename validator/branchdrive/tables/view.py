@@ -79,7 +79,9 @@ class TableView:
         """Rows whose value is not null, ``[rows]``."""
         if column not in self._valid:
             array = self._array(column)
-            self._valid[column] = present(array) if array.null_count else self._all
+            found = present(array) if array.null_count else self._all
+            # Columns often lack values together: one mask is enough for them.
+            self._valid[column] = next((m for m in self._valid.values() if np.array_equal(m, found)), found)
         return self._valid[column]
 
     @cached_property
@@ -303,12 +305,15 @@ class StreamView(TableView):
     def rows_of_moments(self, other: StreamView) -> Index:
         """Row here for each moment of `other`, as `find` has it ``[moments of other]``."""
         if np.array_equal(other._key, self._key):
+            other._key, other._rollout = self._key, self._rollout  # of which one copy is enough
             return np.where(self._rollout >= 0, self.moments, -1)
         return self.find(other._rollout, other["tick"][other.moments])
 
     @cached_property
     def repeats(self) -> Mask:
         """Rows that repeat the previous row's rollout and tick."""
+        if self._ends is None:
+            return np.broadcast_to(np.False_, len(self))
         found = np.ones(len(self), bool)
         found[self.moments] = False
         return found

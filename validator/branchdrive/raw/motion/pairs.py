@@ -103,7 +103,7 @@ def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
 def _actors_within_limits(view: ShardView) -> _Actors:
     """Actors whose bounds do not rule them out, at observations that are no copies."""
     egos, stream = _egos(view), view.stream("actors")
-    frame, kinds = view.observations.rows_of(stream), view.cached(_kinds)
+    frame, kinds = view.observations.rows_of(stream), _kinds(view)
     yaw = egos.boxes.yaw_rad
     ego_vel_x, ego_vel_y = egos.speed_mps * np.cos(yaw), egos.speed_mps * np.sin(yaw)
     ego_reach = (np.hypot(egos.boxes.length_m, egos.boxes.width_m) / 2).astype(np.float32)
@@ -164,10 +164,10 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
 def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
     """The pairs that actors form; `PairRisk.frame` indexes the view's observations."""
     egos, stream = _egos(view), view.stream("actors")
-    static = np.flatnonzero(view.cached(_kinds)[actors.row] == _STATIC)
+    kind = _kinds(view)[actors.row]
+    static = np.flatnonzero(kind == _STATIC)
     corridor_m = np.full(len(actors.row), -np.inf)
     corridor_m[static] = _corridor_m(view, actors.take(static))
-    kind = view.cached(_kinds)[actors.row]
     return pair_risk(
         egos.boxes,
         egos.speed_mps,
