@@ -88,9 +88,8 @@ class View:
         density = np.sqrt(abs(np.linalg.det(self._pinhole.ground)) / np.maximum(depth_m, NEAR_M) ** 3)
         near = np.flatnonzero(density[first:end] >= _FINE_PX_PER_M)
         middle = first + int(near[0]) if len(near) else end
-        return tuple(
-            _Band.of(*rows, level) for *rows, level in ((first, middle, 1), (middle, end, 0)) if rows[1] > rows[0]
-        )
+        bands = ((first, middle, 1), (middle, end, 0))
+        return tuple(_Band.of(*band) for band in bands if band[1] > band[0])
 
     @property
     def paint_reach_m(self) -> float:
