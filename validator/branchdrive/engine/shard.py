@@ -132,6 +132,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
             tables[name] = table
     view = _view(task, tables, result)
     images = _read_media(task, tables, view, [path for path in task.files if path not in table_of], result)
+    tables.clear()  # the view holds what is needed of them
     if view is not None:
         view.images = images
         _judge(task, view, result)
