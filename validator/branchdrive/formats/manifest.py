@@ -16,6 +16,7 @@ import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
@@ -33,6 +34,7 @@ from branchdrive.contract.mismatch import Mismatch
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import partial_path
 from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 
 __all__ = [
     "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "malformed", "parse_manifest",
@@ -232,7 +234,7 @@ class _Reading:
             self.is_over = True
 
 
-def read_manifest(dataset: Folder) -> tuple[Manifest, list[Mismatch]]:
+def read_manifest(dataset: Store) -> tuple[Manifest, list[Mismatch]]:
     """The manifest of a dataset, and what is wrong with its text; see `parse_manifest`.
 
     Raises:
@@ -242,7 +244,7 @@ def read_manifest(dataset: Folder) -> tuple[Manifest, list[Mismatch]]:
 
 
 def build_manifest(
-    dataset: Folder, listed: Collection[str] = (), *, known: Mapping[str, str] = MappingProxyType({})
+    dataset: Store, listed: Collection[str] = (), *, known: Mapping[str, str] = MappingProxyType({})
 ) -> Manifest:
     """Digest every file of a dataset, except the manifest itself, a writer's working area and companions.
 
@@ -268,7 +270,7 @@ def build_manifest(
     return Manifest.of({path: known.get(path) or dataset.digest(path) for path in _files_of(dataset, companions)})
 
 
-def check_against_manifest(dataset: Folder, *, known: Mapping[str, str] = MappingProxyType({})) -> Manifest:
+def check_against_manifest(dataset: Store, *, known: Mapping[str, str] = MappingProxyType({})) -> Manifest:
     """Manifest of a finished dataset whose files are exactly those that it lists.
 
     Args:
@@ -287,8 +289,8 @@ def check_against_manifest(dataset: Folder, *, known: Mapping[str, str] = Mappin
     return found
 
 
-def _files_of(dataset: Folder, companions: Companions) -> Iterator[str]:
-    not_listed = {MANIFEST_FILE, partial_path(dataset.root / MANIFEST_FILE).name, STAGING_DIR}
+def _files_of(dataset: Store, companions: Companions) -> Iterator[str]:
+    not_listed = {MANIFEST_FILE, partial_path(Path(MANIFEST_FILE)).name, STAGING_DIR}
     folders = [""]
     while folders:
         folder = folders.pop()

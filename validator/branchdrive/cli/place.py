@@ -1,0 +1,29 @@
+"""Arguments that name the place of a dataset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from branchdrive.errors import UsageError
+
+__all__ = ["local", "place"]
+
+
+def place(text: str) -> Path | str:
+    """A path, or the URL that it is, in which slashes count."""
+    return text if "://" in text else Path(text)
+
+
+def local(named: Path | str, what: str) -> Path:
+    """The path that a place is.
+
+    Args:
+        named: The place.
+        what: What needs a path.
+
+    Raises:
+        UsageError: It is a URL.
+    """
+    if isinstance(named, str):
+        raise UsageError(f"{what} needs a folder of this machine, not a URL")
+    return named

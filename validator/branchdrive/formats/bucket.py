@@ -1,0 +1,351 @@
+"""A dataset below a prefix of an object store, by obstore: S3 and what speaks it, Google, Azure, memory, the web.
+
+A web server lists nothing: there, a dataset is what its manifest names.
+
+Credentials and endpoints come from the environment as obstore reads it; nothing of them is kept, pickled or printed,
+and nothing in a dataset can name another place.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
+from functools import cached_property
+from importlib.util import find_spec
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
+
+from branchdrive.contract.companion import IGNORE_FILE
+from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
+from branchdrive.contract.text import quote
+from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.formats.manifest import read_manifest
+from branchdrive.formats.pinned import Pinned, PinnedStore, most_files
+from branchdrive.formats.ranged_file import RangedFile
+
+if TYPE_CHECKING:
+    from obstore.store import ObjectStore
+
+__all__ = ["Bucket", "Version"]
+
+_SCHEMES = ("s3", "gs", "az", "https")
+_WEB = ("https://", "http://")
+_LOOPBACK = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?/")
+
+RETRIES: dict[str, Any] = {
+    "max_retries": 6,
+    "retry_timeout": timedelta(seconds=90),
+    "backoff": {"init_backoff": timedelta(milliseconds=100), "max_backoff": timedelta(seconds=5), "base": 2},
+}
+"""How often and how long a request is tried."""
+
+TIMEOUTS: dict[str, Any] = {
+    "connect_timeout": timedelta(seconds=10),
+    "read_timeout": timedelta(seconds=30),
+    "timeout": timedelta(minutes=10),
+}
+"""How long a server may be silent, and a request may take."""
+
+_HEADS_AT_ONCE = 8
+
+_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT", "AZURE_STORAGE_ENDPOINT", "GOOGLE_BASE_URL")
+_user: int | None = None
+"""The process that has used obstore, of this one and those that it was forked from."""
+
+_STATUS = re.compile(r"status code: (\d{3})|\b(\d{3}) [A-Z][a-z]")
+
+
+@dataclass(frozen=True)
+class Version(Pinned):
+    """One version of an object.
+
+    Attributes:
+        e_tag: What changes with the object; it is compared, and never taken for a digest.
+        modified: When it was written.
+    """
+
+    e_tag: str | None = None
+    modified: datetime | None = None
+
+    @property
+    def condition(self) -> dict[str, Any]:
+        """Options of a request that this version alone fulfils; a weak tag tells versions apart for nobody."""
+        if self.e_tag is not None and not self.e_tag.startswith("W/"):
+            return {"if_match": self.e_tag}
+        return {} if self.modified is None else {"if_unmodified_since": self.modified}
+
+    def is_of(self, meta: Mapping[str, Any]) -> bool:
+        """Whether an answer is of this version, as far as it tells: a store may ignore conditions.
+
+        Times are compared by seconds: listings have finer ones than answers.
+        """
+        if meta["size"] != self.size:
+            return False
+        if "if_match" in self.condition:
+            return meta["e_tag"] in (None, self.e_tag)
+        return self.modified is None or abs(meta["last_modified"] - self.modified) < timedelta(seconds=1)
+
+
+@dataclass(frozen=True)
+class Bucket(PinnedStore):
+    """The objects below a prefix, listed when it was opened.
+
+    Attributes:
+        url: Of the prefix, without a slash at the end.
+        client: An obstore store at the prefix, whose options then are its owner's; by default one is made from the
+            URL and the environment where it is used.
+    """
+
+    url: str
+    versions: Mapping[str, Version] = field(compare=False, repr=False)
+    client: ObjectStore | None = field(default=None, compare=False, repr=False)
+    listing_error: str = ""
+
+    @classmethod
+    def open_url(cls, url: str) -> Bucket:
+        """The bucket or prefix at a URL, listed.
+
+        Raises:
+            UsageError: It is no such URL, there is no such bucket, or it holds more than a dataset can.
+            PlatformError: obstore is not installed, or the store cannot be reached or refuses.
+        """
+        return cls._unlisted(url).listed()
+
+    @classmethod
+    def of_object(cls, url: str, name: str) -> Bucket:
+        """The one object `name` below the prefix at a URL; errors as `open_url`."""
+        bucket = cls._unlisted(url)
+        _require()
+        version = bucket.head(name)
+        if version is None:
+            raise UsageError(f"{bucket.place(name)}: there is no such object")
+        return replace(bucket, versions={name: version})
+
+    @classmethod
+    def _unlisted(cls, url: str) -> Bucket:
+        scheme, _, rest = url.partition("://")
+        is_known = scheme in _SCHEMES or _LOOPBACK.match(url)
+        if not is_known or not rest.partition("/")[0] or re.search(r"[@?#\s]", rest):
+            schemes = ", ".join(f"{name}://" for name in _SCHEMES)
+            raise UsageError(
+                f"{scheme}://...: is no URL of a dataset: one begins with {schemes}, names a bucket or host and what "
+                "is in it, and holds no credentials or options, which come from the environment"
+            )
+        return cls(url.rstrip("/"), MappingProxyType({}))
+
+    @classmethod
+    def of(cls, client: ObjectStore, name: str | None = None) -> Bucket:
+        """The dataset in an obstore store, which is at its prefix; errors as `open_url`."""
+        return cls(name or f"{type(client).__name__}", MappingProxyType({}), client).listed()
+
+    @property
+    def pinned(self) -> Mapping[str, Pinned]:
+        """Versions of the objects by path."""
+        return self.versions
+
+    @property
+    def unlisted(self) -> str:
+        """Why the keys could not be listed to the end."""
+        return self.listing_error
+
+    def place(self, path: str) -> str:
+        """URL of what is at a path."""
+        return f"{self.url}/{path}" if path else self.url
+
+    def only(self, paths: Collection[str]) -> Bucket:
+        """The bucket with the versions of these objects alone."""
+        return replace(self, versions={path: self.versions[path] for path in paths if path in self.versions})
+
+    def listed(self) -> Bucket:
+        """This place as it is now."""
+        _require()
+        if not self.lists_all:
+            return replace(self, versions=self._named_by_manifest())
+        import obstore
+        from obstore.exceptions import InvalidPathError
+
+        found: dict[str, Version] = {}
+        try:
+            with self.faults(""):
+                for batch in obstore.list(self.connection, chunk_size=1000):
+                    for meta in batch:
+                        if meta["path"]:
+                            found[meta["path"]] = _version(meta)
+                    if len(found) > most_files():
+                        raise UsageError(
+                            f"{self} holds more than {most_files()} objects; name the prefix of one dataset"
+                        )
+        except InvalidPathError as error:
+            key = re.search(r'[Pp]ath:? "(.*?)"[ :]', str(error))
+            name = quote(key[1]) if key else "an object"
+            why = f"the key {name} is none that a folder could hold, and no key was read"
+            return replace(self, versions=self._documents(), listing_error=why)
+        return replace(self, versions=found, listing_error="")
+
+    @property
+    def lists_all(self) -> bool:
+        """Whether the server lists objects; one of the web does not."""
+        return not self.url.startswith(_WEB)
+
+    def _documents(self) -> dict[str, Version]:
+        """Versions of descriptor and manifest, where nothing can be listed."""
+        return self._versions((DESCRIPTOR_FILE, MANIFEST_FILE, IGNORE_FILE))
+
+    def _named_by_manifest(self) -> dict[str, Version]:
+        """Versions of the files that the manifest names, and of what lies beside them."""
+        documents = self._documents()
+        if MANIFEST_FILE not in documents:
+            return documents
+        manifest, _ = read_manifest(replace(self, versions=documents))
+        return documents | self._versions([path for path in manifest.files if path not in documents])
+
+    def _versions(self, paths: Sequence[str]) -> dict[str, Version]:
+        """Versions of those objects that are there."""
+        with ThreadPoolExecutor(_HEADS_AT_ONCE) as pool:
+            found = zip(paths, pool.map(self.head, paths), strict=True)
+            return {path: version for path, version in found if version is not None}
+
+    def head(self, path: str) -> Version | None:
+        """The version of an object that is there now; ``None`` where there is none."""
+        import obstore
+        from obstore.exceptions import NotFoundError
+
+        try:
+            with self.faults(path):
+                return _version(obstore.head(self.connection, path))
+        except (NotFoundError, FileNotFoundError):
+            return None
+
+    def _opened(self, path: str, found: Pinned) -> BinaryIO:
+        version = cast("Version", found)
+        return cast("BinaryIO", RangedFile(found.size, lambda start, stop: self._fetch(path, version, start, stop)))
+
+    def _fetch(self, path: str, version: Version, start: int, stop: int) -> bytes:
+        """Bytes of one version of an object.
+
+        Raises:
+            DatasetError: It is another now, or gone.
+            PlatformError: The store does not answer as it should.
+        """
+        import obstore
+        from obstore.exceptions import NotFoundError, PreconditionError
+
+        options = version.condition
+        if (start, stop) != (0, version.size):
+            options["range"] = (start, stop)
+        try:
+            with self.faults(path):
+                answer = obstore.get(self.connection, path, options=cast("Any", options))
+                is_same = version.is_of(answer.meta)
+                content = bytes(answer.bytes()) if is_same else b""
+        except (NotFoundError, FileNotFoundError):
+            raise DatasetError(f"{self}: {path!r} was removed after it was listed; read it again") from None
+        except PreconditionError:
+            is_same = False
+        if not is_same:
+            raise DatasetError(f"{self}: {path!r} was changed after it was listed; read it again") from None
+        if len(content) != stop - start:
+            raise PlatformError(f"{self.place(path)}: {len(content)} bytes came where {stop - start} were asked for")
+        return content
+
+    @property
+    def connection(self) -> ObjectStore:
+        """A client of the store, made in this process.
+
+        Raises:
+            PlatformError: obstore is not installed, or this process was forked from one that has used it: its threads
+                are not in this one, which would wait for them for ever.
+        """
+        global _user
+        if _user not in (None, os.getpid()):
+            raise PlatformError(
+                f"{self}: this process was forked from one that has read a bucket; start workers anew, as with "
+                '`DataLoader(..., multiprocessing_context="spawn")`'
+            )
+        _user = os.getpid()
+        return self._made if self.client is None else self.client
+
+    @cached_property
+    def _made(self) -> ObjectStore:
+        from obstore.store import HTTPStore, from_url
+
+        is_plain = any(url.startswith("http://") for url in (self.url, *map(os.environ.get, _ENDPOINTS)) if url)
+        options = {**TIMEOUTS, **({"allow_http": True} if is_plain else {})}
+        with self.faults(""):
+            if self.url.startswith(_WEB):
+                return HTTPStore.from_url(
+                    self.url, client_options=cast("Any", options), retry_config=cast("Any", RETRIES)
+                )
+            return from_url(self.url, client_options=cast("Any", options), retry_config=cast("Any", RETRIES))
+
+    @contextmanager
+    def faults(self, path: str) -> Iterator[None]:
+        """Tell what a store does wrong from what is wrong with a dataset; errors of obstore may hold secrets.
+
+        Raises:
+            PlatformError: The store refuses, throttles, fails or is silent, after all retries.
+            UsageError: There is no such bucket.
+        """
+        from obstore.exceptions import (
+            AlreadyExistsError,
+            BaseError,
+            InvalidPathError,
+            NotFoundError,
+            PermissionDeniedError,
+            PreconditionError,
+            UnauthenticatedError,
+        )
+
+        try:
+            yield
+        except (AlreadyExistsError, InvalidPathError, NotFoundError, PreconditionError, FileNotFoundError):
+            raise
+        except (BaseError, OSError) as error:
+            text = str(error)
+            found = _STATUS.search(text)
+            status = found[1] or found[2] if found else ""
+            if status in ("401", "403") or isinstance(error, PermissionDeniedError | UnauthenticatedError):
+                raise PlatformError(
+                    f"{self.place(path)}: the store refuses access; look at the credentials in the environment and at "
+                    "what they allow"
+                ) from None
+            if status == "404" and not path:
+                raise UsageError(f"{self}: there is no such bucket") from None
+            raise PlatformError(
+                f"{self.place(path)}: {_cause(status, text)}; run the same command again later"
+            ) from None
+
+
+def _require() -> None:
+    """Tell what brings obstore where it is not installed.
+
+    Raises:
+        PlatformError: It is not.
+    """
+    if find_spec("obstore") is None:
+        raise PlatformError("buckets need the package 'obstore', which the extra `cloud` brings")
+
+
+def _cause(status: str, text: str) -> str:
+    """What an error of obstore says, without what it quotes of requests and answers."""
+    if status:
+        return f"the store answered with status {status}, also when it was asked again"
+    low = text.lower()
+    if "timed out" in low or "timeout" in low:
+        return "the store did not answer in time"
+    if "error sending request" in low or "connect" in low:
+        return "the store cannot be reached"
+    if "range" in low:
+        return "the store cannot serve a part of an object"
+    if "credential" in low or "token" in low:
+        return "no credentials were found in the environment"
+    return "the store could not be read"
+
+
+def _version(meta: Mapping[str, Any]) -> Version:
+    return Version(meta["size"], e_tag=meta["e_tag"], modified=meta["last_modified"])
