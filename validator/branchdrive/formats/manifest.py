@@ -37,8 +37,8 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.store import Store
 
 __all__ = [
-    "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "malformed", "parse_manifest",
-    "read_manifest", "write_manifest",
+    "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "files_of", "malformed",
+    "parse_manifest", "read_manifest", "write_manifest",
 ]  # fmt: skip
 
 _QUALITY = "quality"
@@ -258,16 +258,7 @@ def build_manifest(
     Raises:
         DatasetError: The dataset holds a link, a special file or an unsafe path, or its ignore file is malformed.
     """
-    patterns: tuple[str, ...] = ()
-    if dataset.status(IGNORE_FILE) is not None:
-        try:
-            patterns = ignored_names(dataset.read(IGNORE_FILE, spec_limits().max_ignore_bytes))
-        except ValueError as error:
-            raise DatasetError(f"{dataset}: {IGNORE_FILE!r} {error}; correct it") from error
-    quality = dataset.status(_QUALITY)
-    card = [CARD_FILE] if quality is not None and quality.kind == "folder" else []
-    companions = Companions((*listed, *card), patterns)
-    return Manifest.of({path: known.get(path) or dataset.digest(path) for path in _files_of(dataset, companions)})
+    return Manifest.of({path: known.get(path) or dataset.digest(path) for path in files_of(dataset, listed)})
 
 
 def check_against_manifest(dataset: Store, *, known: Mapping[str, str] = MappingProxyType({})) -> Manifest:
@@ -289,7 +280,17 @@ def check_against_manifest(dataset: Store, *, known: Mapping[str, str] = Mapping
     return found
 
 
-def _files_of(dataset: Store, companions: Companions) -> Iterator[str]:
+def files_of(dataset: Store, listed: Collection[str] = ()) -> Iterator[str]:
+    """Paths of the files that the manifest of a dataset has to list; see `build_manifest`."""
+    patterns: tuple[str, ...] = ()
+    if dataset.status(IGNORE_FILE) is not None:
+        try:
+            patterns = ignored_names(dataset.read(IGNORE_FILE, spec_limits().max_ignore_bytes))
+        except ValueError as error:
+            raise DatasetError(f"{dataset}: {IGNORE_FILE!r} {error}; correct it") from error
+    quality = dataset.status(_QUALITY)
+    card = [CARD_FILE] if quality is not None and quality.kind == "folder" else []
+    companions = Companions((*listed, *card), patterns)
     not_listed = {MANIFEST_FILE, partial_path(Path(MANIFEST_FILE)).name, STAGING_DIR}
     folders = [""]
     while folders:
