@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import threading
 from collections import Counter
@@ -38,6 +39,7 @@ class BucketServer:
         page: Keys of a listing that one answer holds.
         released: Set when no request is to hang any longer.
         lock: Held while the state changes.
+        checked: Keys of what was written with a checksum, which was right.
         written: How often a key was written.
         url: Where the server is.
     """
@@ -52,6 +54,7 @@ class BucketServer:
     released: threading.Event = field(default_factory=threading.Event)
     lock: threading.Lock = field(default_factory=threading.Lock)
     written: Counter[str] = field(default_factory=Counter)
+    checked: list[str] = field(default_factory=list)
     url: str = ""
 
     def fill(self, root: Path, prefix: str) -> None:
@@ -197,7 +200,13 @@ class _Handler(BaseHTTPRequestHandler):
         key, query, body = self._begin()
         if not key or self._fails(key) is True:
             return
+        checksum = self.headers.get("x-amz-checksum-sha256")
+        if checksum is not None and checksum != base64.b64encode(hashlib.sha256(body).digest()).decode():
+            self._answer(400, b"<Error><Code>BadDigest</Code></Error>")
+            return
         with self.state.lock:
+            if checksum is not None:
+                self.state.checked.append(key)
             if "uploadId" in query:
                 self.state.uploads[query["uploadId"][0]][int(query["partNumber"][0])] = body
                 self._answer(200, b"", {"ETag": _tag(body)})
@@ -220,11 +229,14 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         key, query, body = self._begin()
-        if not key or self._fails(key) is True:
+        if not key:
+            self._answer(501, b"<Error><Code>NotImplemented</Code></Error>")
+            return
+        if self._fails(key) is True:
             return
         with self.state.lock:
             if "uploads" in query:
-                upload = f"upload-{len(self.state.uploads)}"
+                upload = f"upload-{len(self.state.requests)}"
                 self.state.uploads[upload] = {}
                 self._answer(200, f"<InitiateMultipartUploadResult><UploadId>{upload}</UploadId>"
                                   "</InitiateMultipartUploadResult>".encode())  # fmt: skip

@@ -12,7 +12,7 @@ from branchdrive.cli.place import place
 from branchdrive.cli.progress import progress_bar
 
 SUMMARY = "put a finished dataset into one archive, which is read without unpacking"
-ORDER = 110
+ORDER = 122
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import cached_property
@@ -52,6 +52,9 @@ TIMEOUTS: dict[str, Any] = {
 """How long a server may be silent, and a request may take."""
 
 _HEADS_AT_ONCE = 8
+
+PART_BYTES = 16 << 20
+"""Size of the parts of a large object: 10,000 of them, the most that S3 takes, hold more than a file may have."""
 
 _ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT", "AZURE_STORAGE_ENDPOINT", "GOOGLE_BASE_URL")
 _user: int | None = None
@@ -115,6 +118,16 @@ class Bucket(PinnedStore):
             PlatformError: obstore is not installed, or the store cannot be reached or refuses.
         """
         return cls._unlisted(url).listed()
+
+    @classmethod
+    def for_writing(cls, url: str) -> Bucket:
+        """The bucket or prefix at a URL, listed; errors as `open_url`, also where nothing can be written."""
+        if url.startswith(_WEB):
+            raise UsageError(f"{url!r} is a web server, which takes no files; name a bucket")
+        found = cls.open_url(url)
+        if found.unlisted:
+            raise UsageError(f"{found}: {found.unlisted}; name another prefix")
+        return found
 
     @classmethod
     def of_object(cls, url: str, name: str) -> Bucket:
@@ -253,6 +266,61 @@ class Bucket(PinnedStore):
             raise PlatformError(f"{self.place(path)}: {len(content)} bytes came where {stop - start} were asked for")
         return content
 
+    def put_new(self, path: str, content: bytes) -> bool:
+        """Write an object where there is none; returns whether there was none.
+
+        A request whose answer was lost is sent again, and then finds what it has written itself.
+
+        Raises:
+            PlatformError: The store refuses or fails.
+        """
+        import obstore
+        from obstore.exceptions import AlreadyExistsError, PreconditionError
+
+        try:
+            with self.faults(path):
+                obstore.put(self.connection, path, content, mode="create", use_multipart=False)
+        except (AlreadyExistsError, PreconditionError, FileExistsError):
+            return False
+        return True
+
+    def put_parts(self, path: str, pieces: Iterable[bytes], is_whole: Callable[[], bool]) -> bool:
+        """Write an object of any size in parts, over what is there; it appears when all of them have come.
+
+        Args:
+            path: The object.
+            pieces: Its bytes.
+            is_whole: Asked in the end whether they are what they should be; the object does not appear if not.
+
+        Returns:
+            Whether it appeared. Parts of one that did not are left to the rules of the bucket.
+
+        Raises:
+            PlatformError: The store refuses or fails.
+        """
+        import obstore
+
+        with self.faults(path):
+            writer = obstore.open_writer(self.connection, path, buffer_size=PART_BYTES, max_concurrency=4)
+            for piece in pieces:
+                writer.write(piece)
+            if not is_whole():
+                return False
+            writer.close()
+        return True
+
+    def remove(self, path: str) -> None:
+        """Remove an object; nothing happens if there is none.
+
+        Raises:
+            PlatformError: The store refuses or fails.
+        """
+        import obstore
+        from obstore.exceptions import NotFoundError
+
+        with suppress(NotFoundError, FileNotFoundError), self.faults(path):
+            obstore.delete(self.connection, path)
+
     @property
     def connection(self) -> ObjectStore:
         """A client of the store, made in this process.
@@ -275,13 +343,17 @@ class Bucket(PinnedStore):
         from obstore.store import HTTPStore, from_url
 
         is_plain = any(url.startswith("http://") for url in (self.url, *map(os.environ.get, _ENDPOINTS)) if url)
-        options = {**TIMEOUTS, **({"allow_http": True} if is_plain else {})}
+        options: Any = {
+            "client_options": {**TIMEOUTS, **({"allow_http": True} if is_plain else {})},
+            "retry_config": RETRIES,
+        }
+        if self.url.startswith(
+            "s3://"
+        ):  # what is written is checked where it arrives; some stores know no bulk request
+            options["config"] = {"checksum_algorithm": "SHA256", "disable_bulk_delete": True}
         with self.faults(""):
-            if self.url.startswith(_WEB):
-                return HTTPStore.from_url(
-                    self.url, client_options=cast("Any", options), retry_config=cast("Any", RETRIES)
-                )
-            return from_url(self.url, client_options=cast("Any", options), retry_config=cast("Any", RETRIES))
+            make: Any = HTTPStore.from_url if self.url.startswith(_WEB) else from_url
+            return cast("ObjectStore", make(self.url, **options))
 
     @contextmanager
     def faults(self, path: str) -> Iterator[None]:
@@ -336,7 +408,7 @@ def _cause(status: str, text: str) -> str:
     if status:
         return f"the store answered with status {status}, also when it was asked again"
     low = text.lower()
-    if "timed out" in low or "timeout" in low:
+    if "timed out" in low or "timedout" in low:
         return "the store did not answer in time"
     if "error sending request" in low or "connect" in low:
         return "the store cannot be reached"

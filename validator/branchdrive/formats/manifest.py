@@ -38,7 +38,7 @@ from branchdrive.formats.store import Store
 
 __all__ = [
     "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "files_of", "malformed",
-    "parse_manifest", "read_manifest", "write_manifest",
+    "parse_manifest", "read_manifest", "sound_manifest", "write_manifest",
 ]  # fmt: skip
 
 _QUALITY = "quality"
@@ -278,6 +278,21 @@ def check_against_manifest(dataset: Store, *, known: Mapping[str, str] = Mapping
         what = f"{sorted(set(paths))[:5]} differ" if paths else "derived digests differ"
         raise DatasetError(f"{dataset}: is finished, but {what} from {MANIFEST_FILE}; restore the files first")
     return found
+
+
+def sound_manifest(dataset: Store) -> Manifest:
+    """Manifest of a finished dataset that names each of its files, whatever is in them.
+
+    Raises:
+        DatasetError: There is none, it is damaged, or a file is missing or not listed.
+    """
+    manifest, mismatches = read_manifest(dataset)
+    if mismatches or manifest != Manifest.of(manifest.files):
+        raise DatasetError(f"{dataset}: {MANIFEST_FILE} is damaged; run `branchdrive-validate`")
+    different = sorted({*files_of(dataset, manifest.files)} ^ {*manifest.files})
+    if different:
+        raise DatasetError(f"{dataset}: {MANIFEST_FILE} and the files differ in {different[:5]}; restore them first")
+    return manifest
 
 
 def files_of(dataset: Store, listed: Collection[str] = ()) -> Iterator[str]:

@@ -21,7 +21,7 @@ from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats import archive as form
 from branchdrive.formats.durable import durable_stream, move, partial_path
-from branchdrive.formats.manifest import Manifest, files_of, read_manifest
+from branchdrive.formats.manifest import sound_manifest
 from branchdrive.formats.store import Store
 
 __all__ = ["PackReport", "pack_dataset"]
@@ -69,7 +69,7 @@ def pack_dataset(dataset: Store, output: Path, progress: Callable[[int, int], No
         raise UsageError(f"{str(output)!r} is no name of an archive; let it end in {form.ARCHIVE_NAME!r}")
     if output.exists() or output.is_symlink():
         raise UsageError(f"{str(output)!r} is there already; name a new file")
-    manifest = _sound_manifest(dataset)
+    manifest = sound_manifest(dataset)
     partial = partial_path(output)
     try:
         with durable_stream(partial) as stream:
@@ -88,17 +88,6 @@ def pack_dataset(dataset: Store, output: Path, progress: Callable[[int, int], No
             partial.unlink()
         raise
     return PackReport(len(manifest.files) + 1, num_bytes, manifest.identity)
-
-
-def _sound_manifest(dataset: Store) -> Manifest:
-    """The manifest of a finished dataset that names each of its files."""
-    manifest, mismatches = read_manifest(dataset)
-    if mismatches or manifest != Manifest.of(manifest.files):
-        raise DatasetError(f"{dataset}: {MANIFEST_FILE} is damaged; run `branchdrive-validate`")
-    different = sorted({*files_of(dataset, manifest.files)} ^ {*manifest.files})
-    if different:
-        raise DatasetError(f"{dataset}: {MANIFEST_FILE} and the files differ in {different[:5]}; restore them first")
-    return manifest
 
 
 class _Writer:
