@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pickle
+import struct
 import zipfile
 from pathlib import Path
 
 import pytest
 from tests.bucket_server import serving, use
-from tests.validator.formats.zip_file import Member, ZipFile
+from tests.validator.formats.zip_file import END, Member, ZipFile
 
 from branchdrive.errors import DatasetError
 from branchdrive.formats import pinned
@@ -36,6 +37,11 @@ def test_members_are_files(tmp_path: Path) -> None:
         assert stream.read(2) == b"te"
     travelled = pickle.loads(pickle.dumps(store)).only(["raw/plain"])
     assert (travelled.read("raw/plain", 7), list(travelled.pinned)) == (b"content", ["raw/plain"])
+
+
+def test_an_archive_may_be_named_by_a_link(tmp_path: Path) -> None:
+    (tmp_path / "alias.zip").symlink_to(written(tmp_path, GOOD))
+    assert open_store(tmp_path / "alias.zip").read("raw/plain", 7) == b"content"
 
 
 @pytest.mark.parametrize("prefix", ["", "drive/"])
@@ -88,6 +94,19 @@ def test_an_archive_that_was_replaced_is_not_read(tmp_path: Path) -> None:
 WIDE = (1 << 32) - 1
 
 
+def wide_end(archive: ZipFile, number: int | None = None, mark: bytes = b"PK\x06\x06") -> bytes:
+    """The 64-bit end of an archive, which says so of as many members, with what leads to it."""
+    _, _, _, here, _, length, start, _ = END.unpack(archive.content()[-END.size :])
+    count = here if number is None else number
+    end = struct.pack("<4sQ2H2L4Q", mark, 44, 45, 45, 0, 0, count, count, length, start)
+    return end + struct.pack("<4sLQL", b"PK\x06\x07", 0, start + length, 1)
+
+
+def test_a_wide_end_that_says_the_same_is_read(tmp_path: Path) -> None:
+    store = open_store(written(tmp_path, ZipFile(GOOD.members, between=wide_end(GOOD))))
+    assert store.read("raw/plain", 7) == b"content"
+
+
 @pytest.mark.parametrize(
     ("archive", "message"),
     [
@@ -98,6 +117,8 @@ WIDE = (1 << 32) - 1
         (ZipFile(GOOD.members, comment=b"x"), "does not end with its directory"),
         (ZipFile(GOOD.members, comment=GOOD.content()[-22:]), "another directory, or bytes around it"),
         (ZipFile(GOOD.members, between=b"x"), "another directory, or bytes around it"),
+        (ZipFile(GOOD.members, between=wide_end(GOOD, number=2)), "two directories"),
+        (ZipFile(GOOD.members, between=wide_end(GOOD, mark=b"PK\x06\x08")), "is damaged"),
         (ZipFile(GOOD.members, before=b"#!/bin/sh\n"), "bytes before its first member"),
         (ZipFile(GOOD.members, count=2), "more than it counts"),
         (ZipFile(GOOD.members, count=4), "is damaged"),

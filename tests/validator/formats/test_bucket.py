@@ -15,6 +15,7 @@ from tests.bucket_server import BucketServer, Fault, serving, use
 
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats import bucket as bucket_module
+from branchdrive.formats import object_client
 from branchdrive.formats.bucket import Bucket
 from branchdrive.formats.place import open_store
 from branchdrive.formats.store import Entry
@@ -28,7 +29,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[BucketServer]:
     """A bucket with a small folder in it, and a patience that tests have."""
     backoff = {"init_backoff": timedelta(milliseconds=1), "max_backoff": timedelta(milliseconds=2), "base": 2}
     monkeypatch.setattr(
-        bucket_module, "RETRIES", {"max_retries": 4, "retry_timeout": timedelta(seconds=5), "backoff": backoff}
+        object_client, "RETRIES", {"max_retries": 4, "retry_timeout": timedelta(seconds=5), "backoff": backoff}
     )
     with serving() as running:
         use(running, monkeypatch)
@@ -132,8 +133,8 @@ def test_what_goes_by_is_asked_for_again(server: BucketServer, faults: list[Faul
 def test_what_does_not_go_by_is_the_fault_of_the_store(
     server: BucketServer, monkeypatch: pytest.MonkeyPatch, fault: Fault, message: str
 ) -> None:
-    monkeypatch.setattr(bucket_module, "TIMEOUTS", {"timeout": timedelta(milliseconds=300)})
-    monkeypatch.setitem(bucket_module.RETRIES, "retry_timeout", timedelta(milliseconds=500))
+    monkeypatch.setattr(object_client, "TIMEOUTS", {"timeout": timedelta(milliseconds=300)})
+    monkeypatch.setitem(object_client.RETRIES, "retry_timeout", timedelta(milliseconds=500))
     store = open_store(URL)
     server.faults[KEY] = [fault]
     with store.open("raw/plain") as stream:

@@ -17,7 +17,7 @@ from branchdrive.cli.main import run as run_command
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats import bucket as bucket_module
-from branchdrive.formats import upload
+from branchdrive.formats import object_client, upload
 from branchdrive.formats.bucket import Bucket
 from branchdrive.formats.place import open_store
 from branchdrive.formats.upload import CLAIM_FILE, upload_dataset
@@ -35,7 +35,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[BucketServer]:
     monkeypatch.setattr(
-        bucket_module,
+        object_client,
         "RETRIES",
         {
             "max_retries": 3, "retry_timeout": timedelta(seconds=5),

@@ -32,7 +32,15 @@ def test_a_release_is_built_into_a_bucket(tmp_path: Path, monkeypatch: pytest.Mo
         assert "holds other objects" in errors.getvalue()
 
 
-def test_what_needs_a_folder_says_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["build", "s3://bucket/raw"], ["collect", "s3://bucket/raw", "--seed", "1"], ["render", "s3://bucket/raw"],
+        ["merge", "a", "--output", "s3://bucket/raw"], ["staging", "s3://bucket/raw"], ["train", "s3://bucket/raw"],
+        ["validate", "s3://bucket/raw", "--staging"],
+    ],
+)  # fmt: skip
+def test_what_needs_a_folder_says_so(words: list[str]) -> None:
     errors = io.StringIO()
-    assert run(["build", "s3://bucket/raw", "--output", str(tmp_path / "release")], io.StringIO(), errors) == 2
+    assert run(words, io.StringIO(), errors) == 2
     assert "needs a folder of this machine" in errors.getvalue()

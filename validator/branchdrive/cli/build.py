@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from branchdrive.cli.place import local, place
+from branchdrive.cli.place import folder, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
@@ -47,7 +47,7 @@ def calibration(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=place, help="dataset with a finished raw layer")
+    parser.add_argument("dataset", metavar="DATASET", type=folder, help="dataset with a finished raw layer")
     what = parser.add_argument_group("what to build")
     what.add_argument(
         "--output",
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         upload = _upload(args.output, stack)
         show = stack.enter_context(progress_bar(stderr, "building"))
         report = build_release(
-            local(args.dataset, "`build`"),
+            args.dataset,
             output=upload.folder if upload else args.output,
             stages=stages,
             drop_leakage=args.no_leakage,

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from branchdrive.errors import UsageError
 
-__all__ = ["local", "place"]
+__all__ = ["folder", "local", "place"]
 
 
 def place(text: str) -> Path | str:
     """A path, or the URL that it is, in which slashes count."""
     return text if "://" in text else Path(text)
+
+
+def folder(text: str) -> Path:
+    """A path, for what needs a folder of this machine; `argparse` shows the message of its error."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is a URL, and this needs a folder of this machine; `branchdrive upload` puts what is finished "
+            "into a bucket"
+        )
+    return Path(text)
 
 
 def local(named: Path | str, what: str) -> Path:

@@ -254,26 +254,34 @@ class _Directory:
         )
         if mark != END_MARK:
             self._refuse("is no archive, or does not end with its directory")
-        end = self._size - END.size
-        if FULL_16 in (disk, first, here, number) or FULL_32 in (length, start):
-            end, (disk, first, here, number, length, start) = self._wide_bounds(end)
+        end, numbers = self._size - END.size, (disk, first, here, number, length, start)
+        if self._has_wide_end(end):
+            end, wide = self._wide_bounds(end)
+            full = (FULL_16, FULL_16, FULL_16, FULL_16, FULL_32, FULL_32)
+            if any(one not in (other, most) for one, other, most in zip(numbers, wide, full, strict=True)):
+                self._refuse("has two directories")
+            numbers = wide
+        disk, first, here, number, length, start = numbers
         if disk or first or here != number or comment:
             self._refuse("is a part of an archive, or has a comment")
         if start + length != end:
             self._refuse("has another directory, or bytes around it")
         return number, length, start
 
-    def _wide_bounds(self, end: int) -> tuple[int, tuple[int, ...]]:
-        """The same from the 64-bit end, which lies right before the other."""
+    def _has_wide_end(self, end: int) -> bool:
+        """Whether a 64-bit end lies before the other, which most programs take whatever the other says."""
+        place = end - LOCATOR_64.size
+        return place >= END_64.size and self._read(place, 4) == LOCATOR_64_MARK
+
+    def _wide_bounds(self, end: int) -> tuple[int, tuple[int, int, int, int, int, int]]:
+        """Where the 64-bit end begins, right before the other, and what it says."""
         place = end - LOCATOR_64.size - END_64.size
-        if place < 0:
-            self._refuse("has a directory that is damaged")
         content = self._read(place, LOCATOR_64.size + END_64.size)
-        mark, size, _, _, *numbers = END_64.unpack_from(content)
+        mark, size, _, _, disk, first, here, number, length, start = END_64.unpack_from(content)
         located, _, where, disks = LOCATOR_64.unpack_from(content, END_64.size)
         if (mark, located) != (END_64_MARK, LOCATOR_64_MARK) or size != END_64.size - 12 or where != place or disks > 1:
             self._refuse("has a directory that is damaged")
-        return place, tuple(numbers)
+        return place, (disk, first, here, number, length, start)
 
     def _read(self, start: int, size: int) -> bytes:
         self._stream.seek(start)

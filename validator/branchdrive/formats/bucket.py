@@ -1,22 +1,17 @@
-"""A dataset below a prefix of an object store, by obstore: S3 and what speaks it, Google, Azure, memory, the web.
+"""A dataset below a prefix of an object store: S3 and what speaks it, Google, Azure, memory, the web.
 
 A web server lists nothing: there, a dataset is what its manifest names.
-
-Credentials and endpoints come from the environment as obstore reads it; nothing of them is kept, pickled or printed,
-and nothing in a dataset can name another place.
 """
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import cached_property
-from importlib.util import find_spec
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
@@ -25,6 +20,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats.manifest import read_manifest
+from branchdrive.formats.object_client import check_process, check_url, connect, is_web, store_faults
 from branchdrive.formats.pinned import Pinned, PinnedStore, most_files
 from branchdrive.formats.ranged_file import RangedFile
 
@@ -33,34 +29,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Bucket", "Version"]
 
-_SCHEMES = ("s3", "gs", "az", "https")
-_WEB = ("https://", "http://")
-_LOOPBACK = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?/")
-
-RETRIES: dict[str, Any] = {
-    "max_retries": 6,
-    "retry_timeout": timedelta(seconds=90),
-    "backoff": {"init_backoff": timedelta(milliseconds=100), "max_backoff": timedelta(seconds=5), "base": 2},
-}
-"""How often and how long a request is tried."""
-
-TIMEOUTS: dict[str, Any] = {
-    "connect_timeout": timedelta(seconds=10),
-    "read_timeout": timedelta(seconds=30),
-    "timeout": timedelta(minutes=10),
-}
-"""How long a server may be silent, and a request may take."""
-
 _HEADS_AT_ONCE = 8
 
 PART_BYTES = 16 << 20
 """Size of the parts of a large object: 10,000 of them, the most that S3 takes, hold more than a file may have."""
-
-_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT", "AZURE_STORAGE_ENDPOINT", "GOOGLE_BASE_URL")
-_user: int | None = None
-"""The process that has used obstore, of this one and those that it was forked from."""
-
-_STATUS = re.compile(r"status code: (\d{3})|\b(\d{3}) [A-Z][a-z]")
 
 
 @dataclass(frozen=True)
@@ -122,7 +94,7 @@ class Bucket(PinnedStore):
     @classmethod
     def for_writing(cls, url: str) -> Bucket:
         """The bucket or prefix at a URL, listed; errors as `open_url`, also where nothing can be written."""
-        if url.startswith(_WEB):
+        if is_web(url):
             raise UsageError(f"{url!r} is a web server, which takes no files; name a bucket")
         found = cls.open_url(url)
         if found.unlisted:
@@ -133,7 +105,6 @@ class Bucket(PinnedStore):
     def of_object(cls, url: str, name: str) -> Bucket:
         """The one object `name` below the prefix at a URL; errors as `open_url`."""
         bucket = cls._unlisted(url)
-        _require()
         version = bucket.head(name)
         if version is None:
             raise UsageError(f"{bucket.place(name)}: there is no such object")
@@ -141,14 +112,7 @@ class Bucket(PinnedStore):
 
     @classmethod
     def _unlisted(cls, url: str) -> Bucket:
-        scheme, _, rest = url.partition("://")
-        is_known = scheme in _SCHEMES or _LOOPBACK.match(url)
-        if not is_known or not rest.partition("/")[0] or re.search(r"[@?#\s]", rest):
-            schemes = ", ".join(f"{name}://" for name in _SCHEMES)
-            raise UsageError(
-                f"{scheme}://...: is no URL of a dataset: one begins with {schemes}, names a bucket or host and what "
-                "is in it, and holds no credentials or options, which come from the environment"
-            )
+        check_url(url)
         return cls(url.rstrip("/"), MappingProxyType({}))
 
     @classmethod
@@ -176,7 +140,6 @@ class Bucket(PinnedStore):
 
     def listed(self) -> Bucket:
         """This place as it is now."""
-        _require()
         if not self.lists_all:
             return replace(self, versions=self._named_by_manifest())
         import obstore
@@ -203,7 +166,7 @@ class Bucket(PinnedStore):
     @property
     def lists_all(self) -> bool:
         """Whether the server lists objects; one of the web does not."""
-        return not self.url.startswith(_WEB)
+        return not is_web(self.url)
 
     def _documents(self) -> dict[str, Version]:
         """Versions of descriptor and manifest, where nothing can be listed."""
@@ -323,100 +286,18 @@ class Bucket(PinnedStore):
 
     @property
     def connection(self) -> ObjectStore:
-        """A client of the store, made in this process.
-
-        Raises:
-            PlatformError: obstore is not installed, or this process was forked from one that has used it: its threads
-                are not in this one, which would wait for them for ever.
-        """
-        global _user
-        if _user not in (None, os.getpid()):
-            raise PlatformError(
-                f"{self}: this process was forked from one that has read a bucket; start workers anew, as with "
-                '`DataLoader(..., multiprocessing_context="spawn")`'
-            )
-        _user = os.getpid()
+        """A client of the store, made in this process; errors as `check_process`."""
+        check_process()
         return self._made if self.client is None else self.client
 
     @cached_property
     def _made(self) -> ObjectStore:
-        from obstore.store import HTTPStore, from_url
-
-        is_plain = any(url.startswith("http://") for url in (self.url, *map(os.environ.get, _ENDPOINTS)) if url)
-        options: Any = {
-            "client_options": {**TIMEOUTS, **({"allow_http": True} if is_plain else {})},
-            "retry_config": RETRIES,
-        }
-        if self.url.startswith(
-            "s3://"
-        ):  # what is written is checked where it arrives; some stores know no bulk request
-            options["config"] = {"checksum_algorithm": "SHA256", "disable_bulk_delete": True}
         with self.faults(""):
-            make: Any = HTTPStore.from_url if self.url.startswith(_WEB) else from_url
-            return cast("ObjectStore", make(self.url, **options))
+            return connect(self.url)
 
-    @contextmanager
-    def faults(self, path: str) -> Iterator[None]:
-        """Tell what a store does wrong from what is wrong with a dataset; errors of obstore may hold secrets.
-
-        Raises:
-            PlatformError: The store refuses, throttles, fails or is silent, after all retries.
-            UsageError: There is no such bucket.
-        """
-        from obstore.exceptions import (
-            AlreadyExistsError,
-            BaseError,
-            InvalidPathError,
-            NotFoundError,
-            PermissionDeniedError,
-            PreconditionError,
-            UnauthenticatedError,
-        )
-
-        try:
-            yield
-        except (AlreadyExistsError, InvalidPathError, NotFoundError, PreconditionError, FileNotFoundError):
-            raise
-        except (BaseError, OSError) as error:
-            text = str(error)
-            found = _STATUS.search(text)
-            status = found[1] or found[2] if found else ""
-            if status in ("401", "403") or isinstance(error, PermissionDeniedError | UnauthenticatedError):
-                raise PlatformError(
-                    f"{self.place(path)}: the store refuses access; look at the credentials in the environment and at "
-                    "what they allow"
-                ) from None
-            if status == "404" and not path:
-                raise UsageError(f"{self}: there is no such bucket") from None
-            raise PlatformError(
-                f"{self.place(path)}: {_cause(status, text)}; run the same command again later"
-            ) from None
-
-
-def _require() -> None:
-    """Tell what brings obstore where it is not installed.
-
-    Raises:
-        PlatformError: It is not.
-    """
-    if find_spec("obstore") is None:
-        raise PlatformError("buckets need the package 'obstore', which the extra `cloud` brings")
-
-
-def _cause(status: str, text: str) -> str:
-    """What an error of obstore says, without what it quotes of requests and answers."""
-    if status:
-        return f"the store answered with status {status}, also when it was asked again"
-    low = text.lower()
-    if "timed out" in low or "timedout" in low:
-        return "the store did not answer in time"
-    if "error sending request" in low or "connect" in low:
-        return "the store cannot be reached"
-    if "range" in low:
-        return "the store cannot serve a part of an object"
-    if "credential" in low or "token" in low:
-        return "no credentials were found in the environment"
-    return "the store could not be read"
+    def faults(self, path: str) -> AbstractContextManager[None]:
+        """Tell what a store does wrong at a path, or in listing, from what is wrong with a dataset."""
+        return store_faults(self.place(path), is_listing=not path)
 
 
 def _version(meta: Mapping[str, Any]) -> Version:

@@ -48,7 +48,8 @@ def open_store(place: Place | ObjectStore, *, follow_links: bool = False, allow:
         return _at_url(text)
     folder = Folder.at(place, follow_links=follow_links, allow=allow)
     if text.endswith(ARCHIVE_NAME) and folder.root.is_file():
-        return Archive.open_file(replace(folder, root=folder.root.parent), folder.root.name)
+        path = folder.root.resolve() if folder.root.is_symlink() else folder.root  # a place that is named may be a link
+        return Archive.open_file(replace(folder, root=path.parent), path.name)
     return folder
 
 
