@@ -23,7 +23,7 @@ from branchdrive.engine.spool import Spool
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.formats.folder import Folder, size_of
+from branchdrive.formats.store import Store, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.content import group_content
 from branchdrive.raw.funnel import Funnel
@@ -69,7 +69,7 @@ class ShardTask:
         split_groups: Its groups that lie in other shards too, once that is known.
     """
 
-    dataset: Folder
+    dataset: Store
     folder: str
     files: tuple[str, ...]
     descriptor: Descriptor | None
