@@ -20,9 +20,11 @@ from tests.validator.release.running import QUICK
 from tests.validator.runtime.tasks import sleep_and_tell
 from tests.waiting import wait_for
 
+from branchdrive.engine.spool import Spool
 from branchdrive.errors import ToolError
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.release import audit_process
 from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
@@ -65,8 +67,25 @@ class Failing:
         return SequenceScores(np.zeros(3), 1, 1)
 
 
+@dataclass(frozen=True)
+class Known:
+    """Inputs that wait nowhere."""
+
+    inputs: ReplayInputs
+
+    def __call__(self) -> ReplayInputs:
+        return self.inputs
+
+
 class Parts(dict[str, dict[str, Any]]):
-    """Parts in memory."""
+    """Parts in memory, of the audit with the first key that is asked for."""
+
+    key = ""
+
+    def __call__(self, key: str) -> Parts:
+        self.key = self.key or key
+        assert key == self.key
+        return self
 
     def put(self, name: str, part: dict[str, Any]) -> None:
         self[name] = part
@@ -75,11 +94,11 @@ class Parts(dict[str, dict[str, Any]]):
 @pytest.fixture(scope="module")
 def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTask]:
     """A task on the groups of the built release."""
-    scan = scan_raw(Folder(built), in_process)
-    bank = scan.descriptor.action_bank
-    quality = load_layers(Folder(built), bank.keys).frames["group_quality"]
-    inputs = replay_inputs(scan.rows["replays"], quality, scan.descriptor)
-    return lambda classifier: AuditTask(inputs, 3, QUICK, classifier)
+    with Spool.temporary() as spool:
+        scan = scan_raw(Folder(built), spool, in_process)
+        quality = load_layers(Folder(built)).rows("group_quality")
+        inputs = replay_inputs(scan.rows["replays"], quality, scan.descriptor)
+    return lambda classifier: AuditTask(Known(inputs), 3, QUICK, classifier)
 
 
 NOBODY = Unavailable("none in this test")
