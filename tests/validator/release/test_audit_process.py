@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from branchdrive.release import audit_process
 from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
 from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
+from branchdrive.release.spread_draw import SpreadDraw
 from branchdrive.runtime.executor import in_process
 
 
@@ -121,6 +122,26 @@ def test_it_finds_what_an_audit_here_finds(task_of: Any) -> None:
     assert [numbers(document), parts.keys()] == [pytest.approx(numbers(here), rel=1e-6, abs=1e-9), same.keys()]
     assert [step[2] for step in told] == [*parts, "done"]
     assert {step[1] for step in told} == {len(parts)}
+
+
+def test_processes_that_draw_change_no_bit(task_of: Any) -> None:
+    task = task_of(NOBODY)
+    assert audit_in_own_process(replace(task, jobs=2), Parts()) == audit_in_own_process(task, Parts())
+
+
+def refused(_: Any, numbers: range) -> None:
+    raise ValueError(f"not {numbers.start}")
+
+
+def ended(_: Any, numbers: range) -> None:
+    raise MemoryError
+
+
+@pytest.mark.parametrize(("function", "text"), [(refused, "ValueError: not 3"), (ended, "give it more memory")])
+def test_a_range_that_is_not_drawn_is_told(function: Any, text: str, tmp_path: Path) -> None:
+    draw = SpreadDraw(Spool(tmp_path), in_process)
+    with pytest.raises(ToolError, match=text):
+        draw(function, "subject", [range(3, 5)])
 
 
 def numbers(document: Any) -> list[float]:

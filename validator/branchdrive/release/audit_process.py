@@ -18,11 +18,15 @@ from functools import partial
 from multiprocessing.connection import Connection, Pipe
 from typing import Any, Protocol
 
+from branchdrive.engine.spool import Spool
 from branchdrive.errors import ToolError
 from branchdrive.leakage.audit import Progress, audit_key, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.draw import drawn_here
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
+from branchdrive.release.spread_draw import SpreadDraw
+from branchdrive.runtime.executor import isolated
 from branchdrive.runtime.process import ARRAY_WORK, child_environment, exit_after, python_command
 
 __all__ = ["AuditTask", "KnownParts", "PartsOf", "audit_here", "audit_in_own_process"]
@@ -47,12 +51,14 @@ class AuditTask:
         seed: Of everything random.
         protocol: Numbers of the audit; None is the default.
         classifier: Of the recurrent tests, or why there is none.
+        jobs: Processes that draw permutations and replicates; 1 is that of the audit.
     """
 
     inputs: Callable[[], ReplayInputs]
     seed: int
     protocol: AuditProtocol | None
     classifier: SequenceClassifier | Unavailable
+    jobs: int = 1
 
 
 PartsOf = Callable[[str], KnownParts]
@@ -60,7 +66,7 @@ PartsOf = Callable[[str], KnownParts]
 
 
 def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:
-    """The audit as JSON, in this process and with as many threads as it has."""
+    """The audit as JSON, in this process and with as many threads as it has; those that draw have one."""
     inputs = task.inputs()
     parts = parts_of(audit_key(inputs, seed=task.seed, protocol=task.protocol, sequence_classifier=task.classifier))
 
@@ -71,14 +77,16 @@ def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = N
             parts.put(name, part)
         return part
 
-    return audit_leakage(
-        inputs,
-        seed=task.seed,
-        protocol=task.protocol,
-        sequence_classifier=task.classifier,
-        remember=remember,
-        progress=progress,
-    )
+    with Spool.temporary() as spool:
+        return audit_leakage(
+            inputs,
+            seed=task.seed,
+            protocol=task.protocol,
+            sequence_classifier=task.classifier,
+            remember=remember,
+            progress=progress,
+            draw=SpreadDraw(spool, isolated(task.jobs)) if task.jobs > 1 else drawn_here,
+        )
 
 
 def audit_in_own_process(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:

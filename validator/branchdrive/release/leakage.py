@@ -37,6 +37,7 @@ from branchdrive.leakage.streams import examined_cameras
 from branchdrive.release.audit_process import AuditTask, audit_in_own_process
 from branchdrive.release.scan import RawPart
 from branchdrive.release.stage_work import StageWork
+from branchdrive.runtime.executor import jobs_of
 
 __all__ = ["StoredParts", "build_leakage"]
 
@@ -71,7 +72,9 @@ def build_leakage(
         raise PlatformError(NO_DECODER)
     homes = core_valid_homes(work.layers.rows("group_quality"))
     classifier = classifier or sequence_classifier()
-    task = AuditTask(SpooledReplays(scan.parts, homes, scan.descriptor), seed, protocol, classifier)
+    task = AuditTask(
+        SpooledReplays(scan.parts, homes, scan.descriptor), seed, protocol, classifier, jobs_of(work.executor)
+    )
     document = audit_in_own_process(task, partial(StoredParts.of, area), progress)
     work.layers.put_document(LEAKAGE_FILE, document)
 
