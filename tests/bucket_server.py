@@ -20,6 +20,8 @@ from xml.sax.saxutils import escape
 
 import pytest
 
+from branchdrive.formats.object_client import connect
+
 Fault = Literal["503", "403", "500", "cut", "hang", "ignores range", "ignores condition"]
 
 _PAGE = 1000
@@ -94,6 +96,7 @@ def serving() -> Iterator[BucketServer]:
 
 def use(server: BucketServer, patch: pytest.MonkeyPatch) -> None:
     """Let the environment name the server as where buckets are, and its credentials."""
+    connect.cache_clear()
     patch.setenv("AWS_ENDPOINT_URL", server.url)
     patch.setenv("AWS_ACCESS_KEY_ID", "key-of-the-test")
     patch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")

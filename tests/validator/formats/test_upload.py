@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -12,9 +14,11 @@ import pytest
 from tests import synthetic
 from tests.bucket_server import BucketServer, serving, use
 from tests.validator.engine.datasets import write
+from tests.waiting import wait_for
 
 from branchdrive.cli.main import run as run_command
 from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats import bucket as bucket_module
 from branchdrive.formats import object_client, upload
@@ -93,6 +97,23 @@ def test_an_upload_that_was_cut_off_goes_on(root: Path, server: BucketServer, is
     assert there(server) == files_of(root)
     assert {key.removeprefix(PREFIX) for key in server.written} == {*files_of(root)} - first
     assert report.num_sent == len(server.written)
+
+
+def test_an_upload_whose_process_was_killed_goes_on(root: Path, server: BucketServer) -> None:
+    server.faults[PREFIX + TABLE] = ["hang"]
+    program = "import sys; from branchdrive.cli.entry import main; sys.exit(main())"
+    process = subprocess.Popen([sys.executable, "-P", "-c", program, "upload", str(root), URL])
+    try:
+        wait_for(lambda: ("PUT", PREFIX + TABLE) in server.requests)
+    finally:
+        process.kill()
+        process.wait()
+    server.faults.clear()
+    assert CLAIM_FILE in there(server)
+    assert {*there(server)} <= {CLAIM_FILE, *files_of(root)} - {MANIFEST_FILE, TABLE}
+    assert validate(URL).verdict == "invalid"
+    upload_dataset(open_store(root), Bucket.for_writing(URL))
+    assert there(server) == files_of(root)
 
 
 def test_an_upload_that_was_cut_off_at_its_very_end_is_cleaned_up(root: Path, server: BucketServer) -> None:

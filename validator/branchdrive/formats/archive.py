@@ -43,6 +43,9 @@ FULL_16, FULL_32 = 0xFFFF, 0xFFFFFFFF
 """What stands for a number that is in the 64-bit fields."""
 
 EXTRA_64 = 1
+_EXTRA_NAME = 0x7075
+"""Another name of a member, which some programs take."""
+
 FLAG_UTF8 = 1 << 11
 FLAGS_ALLOWED = FLAG_UTF8
 UNIX = 3
@@ -223,6 +226,8 @@ class _Directory:
             path = name.decode("utf-8" if flags & FLAG_UTF8 else "ascii")
         except UnicodeDecodeError:
             self._refuse(f"has the member {shown}, whose name is no UTF-8")
+        if "\0" in path:
+            self._refuse(f"has the member {shown}, whose name ends earlier for some programs")
         kind = _kind(attributes >> 16 if made_by >> 8 == UNIX else 0, path)
         if kind == "folder" and size:
             self._refuse(f"has the folder {shown} with bytes of its own")
@@ -230,7 +235,10 @@ class _Directory:
 
     def _wide(self, values: tuple[int, ...], extra: bytes, shown: str) -> list[int]:
         """Numbers of a member, those that are full replaced by the 64-bit ones."""
-        wide = [value for key, value in _extras(extra) if key == EXTRA_64]
+        fields = list(_extras(extra))
+        if any(key == _EXTRA_NAME for key, _ in fields):
+            self._refuse(f"has the member {shown} with two names")
+        wide = [value for key, value in fields if key == EXTRA_64]
         if len(wide) > 1:
             self._refuse(f"has the member {shown} with two sets of sizes")
         rest = wide[0] if wide else b""
@@ -243,6 +251,8 @@ class _Directory:
                 self._refuse(f"has the member {shown} without its size")
             found.append(int.from_bytes(rest[:8], "little"))
             rest = rest[8:]
+        if rest:
+            self._refuse(f"has the member {shown} with two sets of sizes")
         return found
 
     def _bounds(self) -> tuple[int, int, int]:

@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
-from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
@@ -288,10 +287,8 @@ class Bucket(PinnedStore):
     def connection(self) -> ObjectStore:
         """A client of the store, made in this process; errors as `check_process`."""
         check_process()
-        return self._made if self.client is None else self.client
-
-    @cached_property
-    def _made(self) -> ObjectStore:
+        if self.client is not None:
+            return self.client
         with self.faults(""):
             return connect(self.url)
 

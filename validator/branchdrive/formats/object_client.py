@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from functools import lru_cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, cast
 
@@ -86,8 +87,12 @@ def check_process() -> None:
     _user = os.getpid()
 
 
+@lru_cache(maxsize=8)
 def connect(url: str) -> ObjectStore:
-    """A client of the store at a URL, with credentials of the environment; errors are obstore's."""
+    """A client of the store at a URL, with credentials of the environment; errors are obstore's.
+
+    A process has one for each URL, whatever the number of its tasks: each finds its credentials and connects anew.
+    """
     from obstore.store import HTTPStore, from_url
 
     is_plain = any(place.startswith("http://") for place in (url, *map(os.environ.get, _ENDPOINTS)) if place)

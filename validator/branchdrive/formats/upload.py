@@ -102,6 +102,8 @@ def _claim(target: Bucket, manifest: bytes) -> None:
     if target.put_new(CLAIM_FILE, claim):
         return
     found = target.listed()
+    if CLAIM_FILE not in found.versions:
+        raise UsageError(f"{target}: another writer has just finished there; run the same command again to see what")
     if found.read(CLAIM_FILE, spec_limits().max_document_bytes) != claim:
         raise UsageError(
             f"{target}: another dataset is being uploaded there; name another prefix, or remove what is there if its "
