@@ -170,3 +170,9 @@ def test_marked_rows_are_counted_by_rollout() -> None:
     assert summary.first_row.tolist() == [2, -1, -1, -1]
     assert stream.with_rows(np.flatnonzero(marked)).tolist() == [True, False, False, False]
     assert not stream.by_rollout(~marked & marked).any.any()
+
+
+def test_a_column_with_nulls_is_held_once() -> None:
+    view = TableView("evidence", pa.table({"separation_m": pa.array([1.0, None, 3.0])}))
+    values = view["separation_m"]
+    assert view.arrow["separation_m"].chunk(0).buffers()[1].address == values.ctypes.data
