@@ -11,7 +11,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills bench bench-paper bench-release
+.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills bench bench-growth bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, media, plots, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -104,6 +104,10 @@ bench: setup
 		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]" || \
 		echo "highway-env cannot be installed; the table goes without it" >&2
 	$(BIN)/python -m benchmarks
+
+## growth of validation, build and audit up to 16,000 repeated groups: processor time, the parent's memory, exponents
+bench-growth: setup
+	$(BIN)/python -m benchmarks --growth
 
 ## collect and validate a dataset of the paper's size: time, memory, funnel
 bench-paper: setup

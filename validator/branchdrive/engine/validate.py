@@ -32,6 +32,7 @@ from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
 from branchdrive.errors import UsageError
+from branchdrive.files.shard_facts import num_groups
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
@@ -262,7 +263,7 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         num_files=len(survey.files),
         num_beside=survey.num_beside,
         num_bytes=sum(entry.size for entry in survey.files),
-        num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
+        num_groups=num_groups(survey.shards),
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
         rows=rows,
     )

@@ -5,7 +5,7 @@ Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,10 @@ from branchdrive.formats.untrusted_parquet import decode_table, written_out_byte
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["conform", "join_parts", "layer_table_paths", "part_numbers", "parts_of", "read_layer_table", "read_table"]
+__all__ = [
+    "conform", "join_parts", "layer_table_paths", "part_numbers", "partitions_of", "parts_of", "read_layer_table",
+    "read_table",
+]  # fmt: skip
 
 _ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
 
@@ -71,16 +74,22 @@ def parts_of(name: str, table: pa.Table, parts: Mapping[str, int] = _ALL_IN_FIRS
         parts: Number of the part of each group; the first, of a group that is not named.
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     declared, found = LAYER_TABLES[name], {}
-    for partition in declared.partitions or (None,):
-        rows = table if partition is None else table.filter(pc.equal(table["partition"], partition))
+    for partition, rows in partitions_of(name, table):
         numbers = part_numbers(rows["group_id"].to_pylist(), parts) if declared.is_of_groups else np.zeros(0, np.int64)
         for part in np.unique(numbers).tolist() or [0]:
             is_own = numbers == part
             found[table_path(name, partition, part)] = rows if is_own.all() else rows.filter(pa.array(is_own))
     return found
+
+
+def partitions_of(name: str, table: pa.Table) -> Iterator[tuple[str | None, pa.Table]]:
+    """Rows of a table of a derived layer by their partition; all of them, of ``None``, where it has no partitions."""
+    import pyarrow.compute as pc
+
+    for partition in LAYER_TABLES[name].partitions or (None,):
+        yield partition, table if partition is None else table.filter(pc.equal(table["partition"], partition))
 
 
 def part_numbers(groups: Sequence[str], parts: Mapping[str, int]) -> NDArray[np.int64]:
