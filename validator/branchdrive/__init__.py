@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         ToolError,
         UsageError,
     )
+    from branchdrive.formats.place import open_store
     from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
     from branchdrive.model.reader import ModelLayer, open_model
     from branchdrive.raw.group import BranchGroup
@@ -131,6 +132,7 @@ __all__ = [
     "load_waivers",
     "open_dataset",
     "open_model",
+    "open_store",
     "risk_evidence",
     "route_columns",
     "to_ego_frame",
@@ -207,6 +209,7 @@ _HOME = {
     "load_waivers": "engine.waiver",
     "open_dataset": "raw.reader",
     "open_model": "model.reader",
+    "open_store": "formats.place",
     "risk_evidence": "driving.risk",
     "route_columns": "collector.route",
     "to_ego_frame": "collector.route",

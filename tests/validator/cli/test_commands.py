@@ -26,7 +26,7 @@ def run(args, stdout, stderr):
 """
 WORKFLOW = (
     "init", "collect", "staging", "merge", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules",
-    "build", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
+    "build", "pack", "upload", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
 )  # fmt: skip
 ENTRIES = """[branchdrive.commands]
 wheels = third_party_wheels

@@ -24,7 +24,7 @@ from branchdrive.engine.tally import Tallies, Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
 from branchdrive.files.identities import Identities
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.formats.folder import Folder, size_of
+from branchdrive.formats.store import Store, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.content import group_content
 from branchdrive.raw.funnel import Funnel
@@ -70,7 +70,7 @@ class ShardTask:
         split_groups: Its groups that lie in other shards too, once that is known.
     """
 
-    dataset: Folder
+    dataset: Store
     folder: str
     files: tuple[str, ...]
     descriptor: Descriptor | None
@@ -133,6 +133,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
             tables[name] = table
     view = _view(task, tables, result)
     images = _read_media(task, tables, view, [path for path in task.files if path not in table_of], result)
+    tables.clear()  # the view holds what is needed of them
     if view is not None:
         view.images = images
         _judge(task, view, result)

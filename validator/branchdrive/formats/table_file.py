@@ -16,7 +16,7 @@ from branchdrive.contract.columns import LAYER_TABLES, TABLES, table_schema
 from branchdrive.contract.layer import LAYERS, layer_of_table, table_file, table_path, table_paths
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.formats.untrusted_parquet import decode_table, written_out_bytes
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ __all__ = [
 _ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
 
 
-def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
+def layer_table_paths(dataset: Store, name: str) -> tuple[str, ...]:
     """Paths of the files of a derived layer's table that a dataset has, in the order of their rows.
 
     Raises:
@@ -44,7 +44,7 @@ def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
     return paths
 
 
-def read_layer_table(dataset: Folder, name: str) -> pa.Table:
+def read_layer_table(dataset: Store, name: str) -> pa.Table:
     """The table `name` of a derived layer, from all of its files; see `read_table`."""
     return join_parts([read_table(dataset, path, name) for path in layer_table_paths(dataset, name)])
 
@@ -97,7 +97,7 @@ def part_numbers(groups: Sequence[str], parts: Mapping[str, int]) -> NDArray[np.
     return np.fromiter((parts.get(group, 0) for group in groups), np.int64, len(groups))
 
 
-def read_table(dataset: Folder, path: str, name: str) -> pa.Table:
+def read_table(dataset: Store, path: str, name: str) -> pa.Table:
     """The table `name` in the file `path` of a dataset, as stored: text as dictionaries, with the file's metadata.
 
     Raises:

@@ -51,12 +51,16 @@ def table_content(view: ShardView, block: Index) -> dict[str, list[bytes]]:
     own = np.arange(view.num_rollouts)
     rank = np.empty_like(own)
     rank[np.lexsort((sortable(view.rollouts, "rollout_id"), block))] = own
+    is_ranked = np.array_equal(rank, own)
     found = {"rollouts": block_digests(view.rollouts, [rank], _ends(np.bincount(block)))}
     for name in _tables(view)[1:]:
         stream = view.stream(name)
         num_rows = np.bincount(block, stream.stop - stream.start).astype(np.int64)
-        further = [stream[column] for column in declared_table(name).key[2:]]
-        found[name] = block_digests(stream, [rank[stream.rollout], stream["tick"], *further], _ends(num_rows))
+        key = []
+        if not (is_ranked and stream.ascends):
+            further = [stream[column] for column in declared_table(name).key[2:]]
+            key = [rank[stream.rollout], stream["tick"], *further]
+        found[name] = block_digests(stream, key, _ends(num_rows))
     return found
 
 

@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layout import shard_name
 from branchdrive.contract.text import counted, quote, similar
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.folder import folder_of
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.rollout import ROLLOUTS, canonical_key
 from branchdrive.raw.shard import RowsByRollout, Shard, find_shards, rollouts_of
@@ -30,22 +33,23 @@ if TYPE_CHECKING:
 __all__ = ["Dataset", "ShardedTable", "open_dataset"]
 
 
-def open_dataset(root: str | Path, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> Dataset:
-    """Open the dataset in the folder `root` for reading.
+def open_dataset(root: Place, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> Dataset:
+    """Open the dataset at `root` for reading.
 
     Args:
-        root: The dataset folder.
+        root: The dataset folder; or a bucket, an archive, or a place that is open, see `open_store`.
         follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
         allow: Folders that links may lead into, such as the folder of blobs of a download cache.
 
     Raises:
         DatasetError: There is no dataset, or its descriptor or layout cannot be read safely.
-        UsageError: Folders are allowed although links are not followed, or one is no folder.
+        UsageError: As `open_store`.
+        PlatformError: As `open_store`.
     """
-    if not Path(root).is_dir():
+    store = open_store(root, follow_links=follow_links, allow=allow)
+    if not store.is_there:
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    folder = Folder.at(root, follow_links=follow_links, allow=allow)
-    return Dataset(folder.root, read_descriptor(folder), tuple(find_shards(folder)))
+    return Dataset(store, read_descriptor(store), tuple(find_shards(store)))
 
 
 @dataclass(frozen=True)
@@ -89,16 +93,25 @@ class Dataset:
     """A dataset that is read lazily; made by `open_dataset`.
 
     Attributes:
-        root: Its folder.
+        store: Where it is.
         descriptor: What it is and which streams it claims.
         shards: Its raw shards, by index.
     """
 
-    def __init__(self, root: Path, descriptor: Descriptor, shards: tuple[Shard, ...]) -> None:
-        self.root = root
+    def __init__(self, store: Store, descriptor: Descriptor, shards: tuple[Shard, ...]) -> None:
+        self.store = store
         self.descriptor = descriptor
         self.shards = shards
         self._current: _DecodedShard | None = None
+
+    @property
+    def root(self) -> Path:
+        """Its folder.
+
+        Raises:
+            UsageError: It is in no folder.
+        """
+        return folder_of(self.store, "this").root
 
     @cached_property
     def _shard_of_group(self) -> dict[str, Shard]:
@@ -106,8 +119,8 @@ class Dataset:
         for shard in self.shards:
             for group_id in shard.table(ROLLOUTS).column("group_id").unique().to_pylist():
                 if group_id in found:
-                    folders = sorted({found[group_id].folder.name, shard.folder.name})
-                    raise DatasetError(f"{self.root}: group {group_id!r} lies in two shards, {folders}")
+                    folders = sorted(shard_name(one.index) for one in (found[group_id], shard))
+                    raise DatasetError(f"{self.store}: group {group_id!r} lies in two shards, {folders}")
                 found[group_id] = shard
         return found
 
@@ -149,7 +162,7 @@ class Dataset:
         return BranchGroup(group_id, tuple(rollouts_of(records, self._current.rows, media)))
 
     def __repr__(self) -> str:
-        return f"Dataset({self.descriptor.dataset_id!r}, {len(self.shards)} shards at {str(self.root)!r})"
+        return f"Dataset({self.descriptor.dataset_id!r}, {len(self.shards)} shards at {str(self.store)!r})"
 
 
 def _unknown_group(group_id: str, groups: Sequence[str]) -> str:

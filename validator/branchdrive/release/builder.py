@@ -63,13 +63,13 @@ class BuildReport:
     """What a build made.
 
     Attributes:
-        target: Folder of the release.
+        target: Folder of the release, or where it was uploaded.
         identity: Its identity.
         layers: Layers that it claims.
         documents: Its documents by path.
     """
 
-    target: Path
+    target: Path | str
     identity: str
     layers: tuple[str, ...]
     documents: dict[str, Any]

@@ -84,7 +84,7 @@ def _is_stored_as_seen(view: ShardView, table: TableView) -> bool:
     if any(after < before for before, after in pairwise(view.rollout_ids)):
         return False
     further = [sortable(table, column) for column in TABLES[table.name].key[2:]]
-    return not table.repeats.any() or not any((table.repeats[1:] & (part[1:] < part[:-1])).any() for part in further)
+    return table.ascends or not any((table.repeats[1:] & (part[1:] < part[:-1])).any() for part in further)
 
 
 def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
@@ -137,7 +137,11 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         if name not in view:
             continue
         stream = view.stream(name)
-        orphan = stream.of_moments(observations.rows_of_moments(stream) < 0)
+        is_lost = observations.rows_of_moments(stream) < 0
+        if stream.ascends and not is_lost.any():
+            yield Check.of_rows(name, None, len(stream), np.zeros(0, np.intp), partial(_misplaced, is_lost))
+            continue
+        orphan = stream.of_moments(is_lost)
         repeated = stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])
         if num_unknown := stream.num_unknown:  # they come first
             repeated = repeated.copy()
