@@ -86,6 +86,21 @@ def test_workers_and_this_process_build_the_same_parts(raw: Path, two_parts: Pat
     assert contents(root) == contents(two_parts)
 
 
+@pytest.mark.parametrize(("most", "starts"), [(10**6, False), (0, True)])
+def test_a_few_groups_of_one_part_start_no_process(
+    most: int, starts: bool, raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[str] = []
+
+    def noted(function: Any, tasks: Any) -> Any:
+        called.append(function.__name__)
+        return in_process(function, tasks)
+
+    monkeypatch.setattr("branchdrive.release.stage_work.MAX_GROUPS_HERE", most)
+    build(shutil.copytree(raw, tmp_path / "dataset"), stages=["canonical"], executor=noted)
+    assert ("canonical_part" in called) == starts
+
+
 def test_a_stage_refuses_layers_whose_shards_were_renumbered_since(two_parts: Path, raw: Path, tmp_path: Path) -> None:
     output = tmp_path / "release"
     build(raw, output=output)

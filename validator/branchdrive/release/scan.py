@@ -73,6 +73,7 @@ class RawScan:
         files: SHA-256 of every file of the raw layer and its media, by path.
         spool: Where rows wait that it gives for the derived layers.
         parts: Its parts, in order of their numbers.
+        num_groups: Its groups.
     """
 
     dataset: Folder
@@ -81,6 +82,7 @@ class RawScan:
     files: dict[str, str]
     spool: Spool
     parts: tuple[RawPart, ...]
+    num_groups: int
 
     @property
     def rows(self) -> SpooledFrames:
@@ -117,7 +119,9 @@ def scan_raw(dataset: Folder, spool: Spool, executor: Executor, progress: Progre
     digest = raw_content(results)
     if digest is None:
         raise DatasetError(f"{dataset}: its attempts have no identity; run `branchdrive-validate`")
-    return RawScan(dataset, descriptor, digest, _raw_files(reading.source.digests), spool, _parts(spool, results))
+    num_groups = sum(len(shard.group_ids) for shard in results)
+    files = _raw_files(reading.source.digests)
+    return RawScan(dataset, descriptor, digest, files, spool, _parts(spool, results), num_groups)
 
 
 def _parts(spool: Spool, results: Sequence[ShardResult]) -> tuple[RawPart, ...]:

@@ -19,7 +19,10 @@ from branchdrive.release.scan import RawScan
 from branchdrive.runtime.executor import Died, Executor, Failed, in_process
 from branchdrive.tables.frame import Frame, num_rows, take
 
-__all__ = ["StageWork", "in_parts"]
+__all__ = ["MAX_GROUPS_HERE", "StageWork", "in_parts"]
+
+MAX_GROUPS_HERE = 256
+"""Groups of one part up to which a build starts no processes of its own; they take some 50 MB."""
 
 Result = TypeVar("Result")
 
@@ -49,14 +52,15 @@ class StageWork:
     def run(self, function: Callable[[Any], Result], tasks: Sequence[Any]) -> list[Result]:
         """Results of tasks, in order.
 
-        Tasks of a raw layer of one part are carried out in this process: what starting others takes would be most of
-        the time, and a part fits.
+        Tasks of a raw layer of one part with few groups are carried out in this process: what starting others takes
+        would be most of the time.
 
         Raises:
             ToolError: A task failed, or took more memory than there is.
         """
         results: dict[int, Result] = {}
-        executor = self.executor if len(self.scan.parts) > 1 else in_process
+        is_small = len(self.scan.parts) == 1 and self.scan.num_groups <= MAX_GROUPS_HERE
+        executor = in_process if is_small else self.executor
         for index, outcome in executor(function, tasks):
             if isinstance(outcome, Failed):
                 reason = outcome.message.rsplit("\n", 1)[-1].strip()

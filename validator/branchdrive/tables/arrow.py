@@ -5,6 +5,7 @@ Source: spec/10-layers.md#tables.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from branchdrive.tables.frame import Frame, Values
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["filled", "from_arrow", "present", "to_arrow", "unsigned_zeros"]
+__all__ = ["StoredFrame", "filled", "from_arrow", "present", "to_arrow", "unsigned_zeros"]
 
 
 def to_arrow(name: str, frame: Frame) -> pa.Table:
@@ -52,6 +53,36 @@ def _array(values: Values, kind: pa.DataType) -> pa.Array:
 def from_arrow(table: pa.Table, name: str) -> dict[str, Values]:
     """Frame of a table that has the declared columns; a nullable column is a masked array."""
     return {column.name: _values(table[column.name], column.nullable) for column in declared_table(name).columns}
+
+
+class StoredFrame(Mapping[str, Values]):
+    """Frame of a table that has the declared columns, each of which is read when it is first asked for.
+
+    Who asks shares the values with others, so they cannot be changed.
+
+    Args:
+        table: Its rows.
+        name: Its name.
+    """
+
+    def __init__(self, table: pa.Table, name: str) -> None:
+        self._table = table
+        self._nullable = {column.name: column.nullable for column in declared_table(name).columns}
+        self._columns: dict[str, Values] = {}
+
+    def __getitem__(self, column: str) -> Values:
+        if column not in self._columns:
+            values = self._columns[column] = _values(self._table[column], self._nullable[column])
+            values.flags.writeable = False
+            if np.ma.isMaskedArray(values):
+                np.ma.getmask(values).flags.writeable = False
+        return self._columns[column]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._nullable)
+
+    def __len__(self) -> int:
+        return len(self._nullable)
 
 
 def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
