@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.policy import Policy
-from branchdrive.contract.timing import ACTIVE_TICKS
 from branchdrive_reference.drawing.scene import HISTORY_TICKS, HORIZON_TICKS
 from branchdrive_reference.report.shard_rows import Array, ShardRows, TickRows
 from branchdrive_reference.study.label import label
 
-__all__ = ["CONTROLS", "Future", "Scene", "Track", "outcome", "read_scene"]
+__all__ = ["CONTROLS", "Future", "Scene", "Track", "read_scene"]
 
 Ticks = NDArray[np.int64]
 
@@ -321,17 +320,3 @@ def _box(record: Mapping[str, Any], remarks: list[str]) -> tuple[float, float]:
         return float(sizes[0]), float(sizes[1])
     remarks.append("The ego's size is none; a box of 4.6 m by 1.9 m is drawn.")
     return 4.6, 1.9
-
-
-def outcome(future: Future) -> tuple[float, float, float]:
-    """Least gap and speed within the intervention, and seconds to the first touch; NaN where there is none."""
-    ahead = (future.tick > 0) & (future.tick <= ACTIVE_TICKS)
-    gaps = future.gap_m[ahead & np.isfinite(future.gap_m)]
-    least = 0.0 if future.touched[ahead].any() else float(gaps.min()) if len(gaps) else float("nan")
-    speeds = future.speed_mps[ahead]
-    contacts = future.contacts
-    return (
-        least,
-        float(speeds[-1]) if len(speeds) else float("nan"),
-        float(future.tick[contacts[0]]) if len(contacts) else float("nan"),
-    )

@@ -217,7 +217,7 @@ def test_hostile_text_is_shown_and_does_nothing(browser: Any, tmp_path: Path) ->
 def test_a_page_of_one_group_opens_and_leads_back(
     browser: Any, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from branchdrive_reference.report import page as module
+    from branchdrive_reference.report import gallery as module
 
     monkeypatch.setattr(module, "PLAYED_BYTES", 0)
     monkeypatch.setattr(module, "IMAGE_BYTES", 0)

@@ -11,7 +11,7 @@ import pytest
 from tests.reference_impl.report.reading import Page, report
 
 from branchdrive import open_dataset, validate
-from branchdrive_reference.report import page as page_module
+from branchdrive_reference.report import gallery
 from branchdrive_reference.study.survey import study_dataset
 
 
@@ -49,8 +49,8 @@ def test_groups_beyond_the_budget_are_small_drawings(
     whole = tmp_path / "whole.html"
     report(dataset, "--output", whole)
     size = max(len(text) for name, text in Page(whole).scripts.items() if name.startswith("group-data-"))
-    monkeypatch.setattr(page_module, "PLAYED_BYTES", size + 1)
-    monkeypatch.setattr(page_module, "IMAGE_BYTES", 0)
+    monkeypatch.setattr(gallery, "PLAYED_BYTES", size + 1)
+    monkeypatch.setattr(gallery, "IMAGE_BYTES", 0)
     _, out, _ = report(dataset, "--output", tmp_path / "report.html")
     page = Page(tmp_path / "report.html")
     assert "3 groups, 1 to play in it" in out
@@ -60,8 +60,8 @@ def test_groups_beyond_the_budget_are_small_drawings(
 
 
 def test_with_a_folder_every_group_has_a_page(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page_module, "PLAYED_BYTES", 0)
-    monkeypatch.setattr(page_module, "IMAGE_BYTES", 0)
+    monkeypatch.setattr(gallery, "PLAYED_BYTES", 0)
+    monkeypatch.setattr(gallery, "IMAGE_BYTES", 0)
     _, out, err = report(dataset, "--output", tmp_path / "report.html", "--folder")
     assert err == ""
     assert f"3 groups, 0 to play in it, 3 in {tmp_path / 'report-groups'}" in out
