@@ -26,6 +26,9 @@ ORDER = 55
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument(
+        "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
+    )
     parser.add_argument("--output", metavar="FILE", type=Path, help="file of the report; html needs one")
     parser.add_argument(
         "--format",
@@ -61,10 +64,11 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.runtime.executor import isolated
 
     folder = args.output.with_name(f"{args.output.stem}-groups") if args.folder else None
-    check_output(args.output, outside=args.dataset)
-    check_output(folder, outside=args.dataset, is_folder=True)
+    for root in (args.dataset, args.raw):
+        check_output(args.output, outside=root)
+        check_output(folder, outside=root, is_folder=True)
     with progress_bar(stderr, "reading shards") as progress:
-        report = read_report(args.dataset, executor=isolated(args.jobs), progress=progress)
+        report = read_report(args.dataset, raw=args.raw, executor=isolated(args.jobs), progress=progress)
     if args.format != "html":
         text = _text(report, args.format, stdout, is_file=args.output is not None)
         if args.output is None:

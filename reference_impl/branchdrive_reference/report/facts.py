@@ -81,7 +81,7 @@ class DatasetReport:
     Attributes:
         root: The dataset folder.
         validation: The validator's report.
-        dataset: The opened dataset; ``None`` where it cannot be.
+        dataset: The opened dataset with the raw layer; ``None`` where it cannot be.
         study: What it holds; ``None`` where that cannot be counted.
         not_studied: Why, one sentence.
         documents: Documents of the release, by path, each as its schema has it.
@@ -126,26 +126,30 @@ class DatasetReport:
         }
 
 
-def read_report(root: Path, *, executor: Executor = in_process, progress: Progress | None = None) -> DatasetReport:
+def read_report(
+    root: Path, *, raw: Path | None = None, executor: Executor = in_process, progress: Progress | None = None
+) -> DatasetReport:
     """Validate the dataset at `root` and read what a report says of it, whatever is wrong with it.
 
     Args:
         root: The dataset folder.
+        raw: Folder of the dataset with the raw layer, for a detached release.
         executor: How the validator runs shards.
         progress: Called after every shard that was validated.
 
     Raises:
-        UsageError: There is no dataset at `root`.
+        UsageError: There is no dataset at `root` or `raw`.
     """
-    validation = validate(root, executor=executor, progress=progress)
+    validation = validate(root, raw=raw, executor=executor, progress=progress)
+    source = root if raw is None else raw
     not_shown: list[str] = []
     dataset, study, not_studied = None, None, ""
     try:
-        dataset = open_dataset(root)
+        dataset = open_dataset(source)
     except (DatasetError, UsageError) as error:
         not_shown.append(sentence(error))
     try:
-        study = study_dataset(root, lambda *_: None)
+        study = study_dataset(source, lambda *_: None)
     except UsageError as error:
         not_studied = sentence(error)
     documents, figures, partitions = {}, {}, {}
@@ -153,7 +157,7 @@ def read_report(root: Path, *, executor: Executor = in_process, progress: Progre
         folder = Folder.at(root)
         documents = _documents(folder, not_shown)
         figures = _figures(folder, not_shown)
-        partitions = _partitions(folder, dataset.descriptor, not_shown)
+        partitions = _partitions(folder, not_shown) if "quality/split.json" in documents else {}
     groups = [] if dataset is None else list(_groups(dataset, validation, partitions))
     return DatasetReport(root, validation, dataset, study, not_studied, documents, figures, not_shown, groups)
 
@@ -197,10 +201,8 @@ def _figures(folder: Folder, not_shown: list[str]) -> dict[str, bytes]:
     return found
 
 
-def _partitions(folder: Folder, descriptor: Descriptor, not_shown: list[str]) -> dict[str, str]:
+def _partitions(folder: Folder, not_shown: list[str]) -> dict[str, str]:
     """Partition of every group of a release."""
-    if "quality" not in descriptor.layers:
-        return {}
     try:
         rows = read_layer_table(folder, "group_quality")
     except DatasetError as error:

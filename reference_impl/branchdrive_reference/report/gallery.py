@@ -156,11 +156,11 @@ def played_group(
         if not elements:
             remarks.append(f"There is no map of {label(group.town)} around this group.")
         picture = thumbnail(scene, elements)
-        images, missing = camera_images(rows, scene, descriptor, image_bytes)
-        remarks += missing
+        images = camera_images(rows, scene, descriptor, image_bytes)
+        remarks += images.remarks
         document |= {**encoded_scene(scene), "at": list(scene.origin[:2])}
-        if images:
-            document["images"] = images
+        if images.text:
+            document |= {"images": images.found, "image_text": images.text}
         if "evidence" in rows.streams:
             contact = "none touches"
             if any(len(future.contacts) for future in scene.futures[1:]):

@@ -6,7 +6,7 @@ Images travel as they are stored. Semantic maps are left out: their values are c
 from __future__ import annotations
 
 import base64
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow.compute as pc
 
@@ -20,7 +20,7 @@ from branchdrive_reference.report.scene import Scene
 from branchdrive_reference.report.shard_rows import ShardRows
 from branchdrive_reference.study.label import sentence
 
-__all__ = ["camera_images"]
+__all__ = ["Images", "camera_images"]
 
 _TICKS = (0, 50, 25, 100, -40, 75, 10, 40, 20, 30, 5, 15, 35, 45, 60, 70, 80, 90, 110, 120, 130, -20, -60, -75)
 """Ticks since the branch in the order in which images are taken."""
@@ -29,10 +29,22 @@ _MOST_CAMERAS = 8
 _SIGNATURES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
 
-def camera_images(
-    rows: ShardRows, scene: Scene, descriptor: Descriptor, most_bytes: int
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """Images of the futures of a scene, and what of them is not shown.
+class Images(NamedTuple):
+    """What is shown of the images of a scene.
+
+    Attributes:
+        found: Camera, candidate, tick since the branch and content of each.
+        text: How many there are, and how many of them are here; empty where there is none.
+        remarks: What cannot be shown.
+    """
+
+    found: list[dict[str, Any]]
+    text: str
+    remarks: list[str]
+
+
+def camera_images(rows: ShardRows, scene: Scene, descriptor: Descriptor, most_bytes: int) -> Images:
+    """Images of the futures of a scene.
 
     Args:
         rows: The shard of the scene.
@@ -41,11 +53,11 @@ def camera_images(
         most_bytes: Of all images together, as text.
     """
     if FRAMES not in rows.tables:
-        return [], []
+        return Images([], "", [])
     media = rows.shard.media(descriptor)
     shown = [camera.name for camera in descriptor.cameras if camera.stream != SEMANTIC_STREAM][:_MOST_CAMERAS]
     if media is None or not shown:
-        return [], ["Semantic maps are not shown here; `branchdrive show` draws them."]
+        return Images([], "", ["Semantic maps are not shown here; `branchdrive show` draws them."])
     table = rows.tables[FRAMES]
     found: list[dict[str, Any]] = []
     remarks: list[str] = []
@@ -76,9 +88,9 @@ def camera_images(
             break
         uri = f"data:{mime};base64,{base64.b64encode(content).decode('ascii')}"
         found.append({"camera": frame.camera, "key": key, "tick": tick, "uri": uri})
-    if len(found) < num_images:
-        remarks.append(f"{len(found):,} of {num_images:,} camera images of these futures are in this file.")
-    return found, remarks
+    part = f"{len(found):,} of {num_images:,}"
+    said = f"{part} camera images of these futures are in this file; the nearest in time is shown."
+    return Images(found, said if num_images else "", remarks)
 
 
 def _zero(rows: ShardRows, rollout_id: str) -> list[int]:

@@ -6,15 +6,25 @@ import base64
 import hashlib
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests import synthetic
 from tests.reference_impl.report.reading import Page, made, whole_numbers
 from tests.reference_impl.report.samples import HOSTILE, damaged, every, written
+from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
+from tests.validator.quality.release import documents, paper_groups, paper_pairs
 
 from branchdrive import open_dataset, validate
+from branchdrive.benchmark.results import results_document
+from branchdrive.benchmark.tables import result_sections
+from branchdrive.contract.layout import RESULTS_FILE
+from branchdrive_reference.report import gallery
+from branchdrive_reference.report.facts import read_report
 from branchdrive_reference.report.packing import MISSING
+from branchdrive_reference.report.section import sections
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.survey import study_dataset
 
@@ -182,3 +192,54 @@ def test_a_dataset_without_a_document_is_reported_all_the_same(name: str, datase
     shutil.copytree(dataset, root)
     (root / name).unlink()
     assert "invalid" in made(root, tmp_path / "report.html").text
+
+
+def test_camera_images_are_those_of_the_dataset(tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    synthetic.write_dataset(root, synthetic.media_tables(), synthetic.media_descriptor())
+    page = made(root, tmp_path / "report.html")
+    group = open_dataset(root).group("g0")
+    (first,) = [found for found in page.groups if found["name"] == "g0"]
+    assert first["images"][0]["key"] == "nominal"
+    assert {image["camera"] for image in first["images"][:6]} == {
+        camera.name for camera in open_dataset(root).descriptor.cameras
+    }
+    for image in first["images"][:12]:
+        rollout = group.nominal if image["key"] == "nominal" else group.interventions[image["key"]][0]
+        (frame,) = rollout.frames(image["camera"], [image["tick"]])
+        kind, _, content = image["uri"].partition(",")
+        assert kind in ("data:image/png;base64", "data:image/jpeg;base64")
+        assert base64.b64decode(content) == frame.read()
+    assert f"{len(first['images']):,} of " in first["image_text"]
+
+
+def test_images_stay_within_their_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = tmp_path / "d"
+    synthetic.write_dataset(root, synthetic.media_tables(), synthetic.media_descriptor())
+    monkeypatch.setattr(gallery, "IMAGE_BYTES", 9000)
+    page = made(root, tmp_path / "report.html")
+    sizes = [sum(len(image["uri"]) for image in group["images"]) for group in page.groups]
+    assert 0 < sum(sizes) < 9000 * 1.1
+
+
+def test_a_benchmark_has_its_tables_and_warnings(dataset: Path) -> None:
+    report = read_report(dataset)
+    document = results_document(small_protocol(), data(), prediction_set(), risk_fit(), noise(), warnings=["beware"])
+    (found,) = [
+        part for part in sections(replace(report, documents={RESULTS_FILE: document})) if part.name == "benchmark"
+    ]
+    assert found.warnings == ("beware",)
+    titles = [part.title for part in found.parts]
+    assert [part.title for part in result_sections(document)] == [title for title in titles if title]
+
+
+def test_a_release_has_the_sections_of_its_documents(dataset: Path) -> None:
+    groups = paper_groups()
+    names = ("population", "split", "thresholds", "retention", "ledger", "variants")
+    release = dict(zip((f"quality/{name}.json" for name in names), documents(groups, paper_pairs(groups)), strict=True))
+    report = read_report(dataset)
+    found = {part.name: part for part in sections(replace(report, documents=release))}
+    assert list(found) == ["response", "holdings", "population", "split", "fidelity", "leakage"]
+    assert found["population"].parts[0].rows[0][0] == "Discovered branch groups"
+    assert "not audited" in found["leakage"].parts[0].paragraphs[0]
+    assert [part.name for part in sections(report)] == ["response", "holdings"]

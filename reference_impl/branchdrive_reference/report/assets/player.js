@@ -138,8 +138,8 @@ function drawCharts(chosen, shown, tick) {
 /** Images of the chosen candidate nearest in time; before the branch those of the nominal, which all share. */
 function drawCameras(chosen, tick) {
   const images = player.group.images ?? [];
-  byId("camera-part").hidden = images.length === 0;
-  if (images.length === 0) return;
+  byId("camera-part").hidden = player.group.images === undefined;
+  byId("camera-text").textContent = player.group.image_text ?? "";
   const nominal = player.group.futures[0].key;
   const wanted = tick <= 0 ? nominal : chosen[0]?.key ?? nominal;
   const holder = byId("cameras");
@@ -151,7 +151,6 @@ function drawCameras(chosen, tick) {
     parts.push({ camera, best });
   }
   const state = parts.map(({ best }) => images.indexOf(best)).join();
-  byId("camera-text").textContent = "The image nearest in time of those in this file; its time is below it.";
   if (holder.dataset.state === state) return;
   holder.dataset.state = state;
   holder.replaceChildren(...parts.map(({ camera, best }) => {
