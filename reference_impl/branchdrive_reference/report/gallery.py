@@ -149,7 +149,7 @@ def played_group(
         "about": " · ".join(text for text in about if text),
     }  # fmt: skip
     if group.result is not None and not group.result.qualifies:
-        remarks.insert(0, f"It does not qualify, {group.outcome}: {group.result.reason}.")
+        remarks.insert(0, f"It is {group.outcome}: {group.result.reason}.")
     picture, contact = None, "unknown"
     if scene.futures:
         elements = roads.around(group.town, scene)

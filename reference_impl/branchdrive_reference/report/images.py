@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
-from branchdrive.errors import DatasetError
+from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.formats.image_header import disagreement, image_header
 from branchdrive.raw.media.camera_frames import CameraFrames
 from branchdrive.raw.media.media_folder import FRAMES
@@ -79,7 +79,7 @@ def camera_images(rows: ShardRows, scene: Scene, descriptor: Descriptor, most_by
             mime = next((mime for start, mime in _SIGNATURES.items() if content.startswith(start)), None)
             if mime is None or disagreement(image_header(content), media.cameras[frame.camera]) is not None:
                 raise DatasetError(f"an image of camera `{frame.camera}` is none of that camera")
-        except DatasetError as error:
+        except (DatasetError, DecodeError) as error:
             if not remarks:
                 remarks.append(f"Some image is not shown: {sentence(error)}.")
             continue

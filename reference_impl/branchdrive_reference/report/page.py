@@ -126,7 +126,7 @@ def _head(report: DatasetReport) -> dict[str, Any]:
         "verdict": validation.verdict,
         "meaning": headline(validation).removeprefix(f"{validation.verdict} - ") + ".",
         "tone": "good" if validation.verdict == "valid" and level == "note" else _TONES[level],
-        "refusals": refusals(validation),
+        "refusals": [*refusals(validation), *_contradiction(validation)],
         "errors": validation.errors,
         "conditions": validation.conditions,
         "sizes": sizes(validation) + with_companions(validation),
@@ -134,6 +134,17 @@ def _head(report: DatasetReport) -> dict[str, Any]:
         "facts": [fact for fact in found.items() if fact[1]],
         "version": validation.validator_version,
     }
+
+
+def _contradiction(validation: Report) -> list[str]:
+    """What to make of a release that claims another population than its raw layer gives; nothing where it does not."""
+    funnel, claimed = validation.funnel, validation.num_qualified
+    if funnel is None or validation.population is None or claimed == funnel.qualified:
+        return []
+    return [
+        f"The release claims {counted(int(claimed or 0), 'group')}; of its raw layer, as it is now, "
+        f"{funnel.qualified:,} are structurally eligible."
+    ]
 
 
 def _contents(context: Mapping[str, Any]) -> list[tuple[str, str]]:

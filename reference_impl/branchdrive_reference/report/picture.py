@@ -11,7 +11,7 @@ from branchdrive.raw.funnel import Funnel
 
 __all__ = ["Bar", "Forest", "forest", "funnel_bars"]
 
-_BAR_WIDTH = 520
+_BAR_WIDTH = 220
 _PANELS = ((150, 510), (560, 880))
 """Left and right edge of the two panels."""
 

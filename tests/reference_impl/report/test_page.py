@@ -21,6 +21,7 @@ from branchdrive import open_dataset, validate
 from branchdrive.benchmark.results import results_document
 from branchdrive.benchmark.tables import result_sections
 from branchdrive.contract.layout import RESULTS_FILE
+from branchdrive.errors import DecodeError
 from branchdrive_reference.report import gallery
 from branchdrive_reference.report.facts import read_report
 from branchdrive_reference.report.packing import MISSING
@@ -220,6 +221,19 @@ def test_images_stay_within_their_budget(tmp_path: Path, monkeypatch: pytest.Mon
     page = made(root, tmp_path / "report.html")
     sizes = [sum(len(image["uri"]) for image in group["images"]) for group in page.groups]
     assert 0 < sum(sizes) < 9000 * 1.1
+
+
+def test_an_image_that_is_none_is_left_out_and_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(content: bytes) -> object:
+        raise DecodeError("46 bytes behind its end marker; expected a whole JPEG")
+
+    root = tmp_path / "d"
+    synthetic.write_dataset(root, synthetic.media_tables(), synthetic.media_descriptor())
+    monkeypatch.setattr("branchdrive_reference.report.images.image_header", refused)
+    page = made(root, tmp_path / "report.html")
+    for group in page.groups:
+        assert group["images"] == []
+        assert any("Some image is not shown: 46 bytes behind" in remark for remark in group["remarks"])
 
 
 def test_a_benchmark_has_its_tables_and_warnings(dataset: Path) -> None:
