@@ -25,8 +25,8 @@ def run(args, stdout, stderr):
     return 3
 """
 WORKFLOW = (
-    "init", "collect", "staging", "merge", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules",
-    "build", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
+    "init", "collect", "staging", "merge", "render", "inspect", "study", "draw", "show", "validate", "pilot", "diff",
+    "rules", "build", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
 )  # fmt: skip
 ENTRIES = """[branchdrive.commands]
 wheels = third_party_wheels

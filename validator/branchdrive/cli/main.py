@@ -31,7 +31,7 @@ __all__ = ["main", "run", "run_script", "script_main", "validate_main"]
 
 _GROUP = "branchdrive.commands"
 
-_WITHOUT_PANDAS = ("validate", "collect")
+_WITHOUT_PANDAS = ("validate", "collect", "inspect")
 """Commands that need no pandas, and whose libraries all work where it is not installed."""
 
 
