@@ -26,7 +26,7 @@ def run(args, stdout, stderr):
 """
 WORKFLOW = (
     "init", "collect", "staging", "merge", "render", "inspect", "study", "draw", "show", "validate", "pilot", "diff",
-    "columns", "rules", "build", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
+    "columns", "rules", "build", "metadata", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
     "completion",
 )  # fmt: skip
 ENTRIES = """[branchdrive.commands]

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.links import add_link_arguments
 from branchdrive.contract.text import nearest, quote, similar
 from branchdrive.errors import DatasetError, UsageError
 
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("path", metavar="PATH", type=Path, help="a dataset, or a file")
     parser.add_argument("name", metavar="TABLE|GROUP", nargs="?", help="a table or a branch group of the dataset")
+    add_link_arguments(parser)
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
@@ -37,7 +39,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if not args.path.exists():
         raise UsageError(f"there is nothing at {str(args.path)!r}; give a dataset's folder or a file")
     if args.path.is_dir():
-        stdout.write(_of_dataset(dataset_at(args.path), args.name, stdout))
+        dataset = dataset_at(args.path, follow_links=args.follow_links, allow=args.allow)
+        stdout.write(_of_dataset(dataset, args.name, stdout))
         return 0
     if args.name is not None:
         raise UsageError(f"{str(args.path)!r} is a file; tables and groups are named of a dataset's folder")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -66,14 +67,19 @@ class StoredFile:
     rows: pa.Table | None = None
 
 
-def dataset_at(path: Path) -> Folder:
+def dataset_at(path: Path, *, follow_links: bool = False, allow: Sequence[Path] = ()) -> Folder:
     """The dataset whose folder `path` is.
+
+    Args:
+        path: A folder.
+        follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
+        allow: Folders that links may lead into.
 
     Raises:
         UsageError: It is none; the message says what it is instead, and what to inspect.
     """
     if (path / DESCRIPTOR_FILE).is_file():
-        return Folder.at(path)
+        return Folder.at(path, follow_links=follow_links, allow=allow)
     root = _root_above(path)
     if root is not None:
         raise UsageError(f"{str(path)!r} is a folder of the dataset {str(root)!r}; run `branchdrive inspect {root}`")
