@@ -25,9 +25,9 @@ def run(args, stdout, stderr):
     return 3
 """
 WORKFLOW = (
-    "init", "collect", "staging", "merge", "render", "inspect", "study", "draw", "show", "validate", "pilot", "diff",
-    "columns", "rules", "build", "metadata", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
-    "completion",
+    "init", "collect", "staging", "merge", "render", "inspect", "study", "draw", "show", "rerun", "validate", "pilot",
+    "diff", "columns", "rules", "build", "metadata", "benchmark", "train", "lock", "predict", "evaluate", "export",
+    "latency", "completion",
 )  # fmt: skip
 ENTRIES = """[branchdrive.commands]
 wheels = third_party_wheels
