@@ -7,10 +7,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from branchdrive.cli.metadata import document
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
-from branchdrive.contract.companion import CROISSANT_FILE
 from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
@@ -80,7 +78,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         UsageError: The options do not go together.
         DatasetError: The raw layer cannot be built from.
     """
-    from branchdrive.formats.folder import Folder
     from branchdrive.release.builder import build_release
     from branchdrive.release.stage import BuildOptions
     from branchdrive.runtime.executor import isolated
@@ -101,8 +98,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             executor=isolated(args.jobs),
             progress=lambda stage, done, total, note: show(done, total, f"{stage} {note}".strip()),
         )
-    release = Folder(report.target)
-    release.replace(CROISSANT_FILE, document(release, "croissant"))
     stdout.write(_render(report, args.format, stdout))
     stdout.flush()
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -60,6 +59,7 @@ def document(dataset: Folder, form: str) -> bytes:
     """
     from branchdrive.card.croissant import croissant
     from branchdrive.card.deposit import codemeta, zenodo
+    from branchdrive.contract.document import dump_json
     from branchdrive.formats.descriptor_file import read_descriptor
     from branchdrive.formats.manifest import read_manifest
 
@@ -71,4 +71,4 @@ def document(dataset: Folder, form: str) -> bytes:
         found: dict[str, Any] = croissant(descriptor, manifest.files)
     else:
         found = {"zenodo": zenodo, "codemeta": codemeta}[form](descriptor)
-    return (json.dumps(found, indent=1, ensure_ascii=True, allow_nan=False) + "\n").encode()
+    return dump_json(found)
