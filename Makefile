@@ -19,7 +19,7 @@ setup: .venv/.installed
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
-	@echo "setup: installs about 90 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
+	@echo "setup: installs about 110 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
 	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
 		-e ".[sim,media,plots,report,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'

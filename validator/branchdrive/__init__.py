@@ -6,6 +6,7 @@ that importing the package costs nothing; the first use raises `PlatformError` w
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -220,7 +221,7 @@ _HOME = {
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'branchdrive' has no attribute {name!r}")
+        raise AttributeError(f"module 'branchdrive' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     if _HOME[name] != "errors":
         import_module("branchdrive.runtime.environment").check_environment()
     value = getattr(import_module(f"branchdrive.{_HOME[name]}"), name)

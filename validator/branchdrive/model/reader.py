@@ -20,6 +20,8 @@ from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import nearest, quote
 from branchdrive.driving.feature import InputContract
+from branchdrive.driving.target import TARGETS, Targets
+from branchdrive.driving.utility import PROFILES, fit_scale, utility
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import folder_of
@@ -178,6 +180,32 @@ class ModelLayer:
             scalars, trajectories = scaling.scalars.apply(scalars), scaling.trajectories.apply(trajectories)
             available = available & np.isfinite(scaling.scalars.offset)
         return ModelTargets(scalars, available, trajectories)
+
+    def outcomes(self, partition: str | None = None, *, variant: str | None = None) -> pa.Table:
+        """What happened to every candidate, and how desirable that is by each profile: one row for each.
+
+        The six targets are null where they are not available. A column ``utility_<profile>`` for each of
+        `branchdrive.driving.utility.PROFILES` weighs them by their spread in training and is null where one that it
+        weighs is not available; it is a preference, and no judgement of safety.
+        See `sensor_inputs` for arguments and errors.
+        """
+        import pyarrow as pa
+
+        groups, found = self.groups(partition, variant), self.targets(partition, variant=variant)
+        targets, num = Targets(found.scalars, found.scalars_available), len(self.candidate_order)
+        train = self.targets("train")
+        scale = fit_scale(Targets(train.scalars, train.scalars_available))
+        columns: dict[str, Any] = {
+            "group_id": pa.array([group for group in groups for _ in range(num)], pa.string()),
+            "action_key": pa.array([*self.candidate_order] * len(groups), pa.string()),
+        }
+        for place, target in enumerate(TARGETS):
+            missing = ~targets.available[..., place].ravel()
+            columns[target.name] = pa.array(targets.values[..., place].ravel(), mask=missing)
+        for name, profile in PROFILES.items():
+            worth = utility(targets, scale, profile).ravel()
+            columns[f"utility_{name}"] = pa.array(worth, mask=np.isnan(worth))
+        return pa.table(columns)
 
     def actions(self) -> NDArray[np.float32]:
         """Encoded candidate actions, float32 ``[A, encoding width]``, in `candidate_order`.

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from branchdrive.card.croissant import croissant
 from branchdrive.card.licence import render_licence
 from branchdrive.card.release_card import release_card
-from branchdrive.contract.companion import IGNORE_FILE, Companions
+from branchdrive.contract.companion import CROISSANT_FILE, IGNORE_FILE, Companions
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import (
     BENCHMARK,
     BENCHMARK_LEDGER_FILE,
@@ -132,6 +134,7 @@ def build_release(
             if stage in stages:
                 job.carry_out(stage)
         manifest = job.publish()
+        target.replace(CROISSANT_FILE, dump_json(croissant(read_descriptor(target), manifest.files)))
     return BuildReport(target.root, manifest.identity, layers.names, layers.documents)
 
 
