@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +61,12 @@ class Visit:
 
     def until(self, expression: str) -> None:
         """Wait until a condition of the script holds; Playwright's own wait evaluates text, which the page forbids."""
+        from playwright.sync_api import Error
+
         for _ in range(1500):
-            if self.state(expression):
-                return
+            with suppress(Error):  # while another page is on its way, there is no script to ask
+                if self.state(expression):
+                    return
             self.page.wait_for_timeout(20)
         raise AssertionError(f"{expression} never held")
 

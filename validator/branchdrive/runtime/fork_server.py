@@ -157,8 +157,8 @@ def _work(data: int, status: int, tracker: int, *shared: int) -> NoReturn:
         vars(resource_tracker._resource_tracker)["_fd"] = tracker
         vars(forkserver._forkserver)["_inherited_fds"] = shared
         code = spawn._main(data, os.dup(data))
-    except SystemExit:
-        pass  # the main module is a script that ends so wherever it is loaded
+    except (SystemExit, BrokenPipeError):
+        pass  # the main module is a script that ends so wherever it is loaded; or who asked is gone
     except BaseException:
         sys.excepthook(*sys.exc_info())
     finally:
@@ -180,8 +180,8 @@ def _main(descriptor: int, modules: Sequence[str]) -> None:
     except Exception:  # workers that start by themselves meet it, and tell of it
         return
     if len(list(Path("/proc/self/task").iterdir())) == 1:
-        with socket.socket(fileno=descriptor) as requests:
-            _serve(requests)
+        with suppress(BrokenPipeError, ConnectionResetError), socket.socket(fileno=descriptor) as requests:
+            _serve(requests)  # until who asks is gone, in the middle of a request too
 
 
 if __name__ == "__main__":
