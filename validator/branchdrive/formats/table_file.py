@@ -30,6 +30,8 @@ _ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
 def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
     """Paths of the files of a derived layer's table that a dataset has, in the order of their rows.
 
+    Of a table that is optional there may be none.
+
     Raises:
         DatasetError: It has none, or of one partition none; or its folder cannot be listed.
     """
@@ -42,8 +44,15 @@ def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
 
 
 def read_layer_table(dataset: Folder, name: str) -> pa.Table:
-    """The table `name` of a derived layer, from all of its files; see `read_table`."""
-    return join_parts([read_table(dataset, path, name) for path in layer_table_paths(dataset, name)])
+    """The table `name` of a derived layer, from all of its files; see `read_table`.
+
+    Raises:
+        DatasetError: It cannot be read, or it is optional and not there.
+    """
+    paths = layer_table_paths(dataset, name)
+    if not paths:
+        raise DatasetError(f"{dataset}: has no table `{name}`, which `branchdrive build --{name}` adds")
+    return join_parts([read_table(dataset, path, name) for path in paths])
 
 
 def join_parts(parts: Sequence[pa.Table]) -> pa.Table:

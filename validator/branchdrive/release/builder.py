@@ -244,7 +244,7 @@ class _Job:
         )
 
     def _model(self) -> None:
-        build_model(self.scan, self.layers)
+        build_model(self.scan, self.layers, self.options)
 
     def publish(self) -> Manifest:
         """Put everything in its place; the manifest of the release."""
@@ -260,7 +260,7 @@ class _Job:
         kept = {*layers.names, LEDGER_FILE}
         files = {path: content for path, content in layers.contents.items() if {path, path.split("/")[0]} & kept}
         if "quality" in layers.names:
-            files[CARD_FILE] = release_card(descriptor, layers.documents).encode()
+            files[CARD_FILE] = release_card(descriptor, layers.documents, files).encode()
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)

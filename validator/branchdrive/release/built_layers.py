@@ -63,11 +63,16 @@ class BuiltLayers:
             frame = {**frame, _PART: part_numbers(frame["group_id"].tolist(), self.parts)}
             key = (*declared.order[: len(declared.order) - len(declared.key)], _PART, *declared.key)
         ordered = sort_rows(frame, key, orders)
+        self.drop_table(name)
         self.frames[name] = {column: values for column, values in ordered.items() if column != _PART}
-        for path in table_paths(name, self.contents):
-            del self.contents[path]
         for path, rows in parts_of(name, to_arrow(name, self.frames[name]), self.parts).items():
             self.contents[path] = encode_table(rows)
+
+    def drop_table(self, name: str) -> None:
+        """Forget a table."""
+        self.frames.pop(name, None)
+        for path in table_paths(name, self.contents):
+            del self.contents[path]
 
     def put_document(self, path: str, document: Any) -> None:
         """Add a document."""
@@ -123,7 +128,10 @@ def load_layers(dataset: Folder, keys: tuple[str, ...], parts: Mapping[str, int]
         read = BuiltLayers(keys, parts or {})
         try:
             for name in layer.tables:
-                for path in layer_table_paths(dataset, name):
+                paths = layer_table_paths(dataset, name)
+                if not paths:
+                    continue
+                for path in paths:
                     read.contents[path] = dataset.read(path, spec_limits().max_table_bytes)
                 read.frames[name] = from_arrow(read_layer_table(dataset, name), name)
             for document in layer.documents.values():

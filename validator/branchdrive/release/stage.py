@@ -58,11 +58,13 @@ class BuildOptions:
         seed: Seed of the split, of the intervals of retention and of the leakage audit.
         calibration: The least that a calibration partition must hold; ``None`` for no such partition.
         variants: Populations to declare beside the frozen one and `extended`.
+        endings: Whether the model layer has the table `endings`.
     """
 
     seed: int = 0
     calibration: Calibration | None = None
     variants: Sequence[Variant] = ()
+    endings: bool = False
 
 
 def build_canonical(scan: RawScan, layers: BuiltLayers) -> None:
@@ -140,8 +142,13 @@ def check_encoding(scan: RawScan) -> None:
         )
 
 
-def build_model(scan: RawScan, layers: BuiltLayers) -> None:
+def build_model(scan: RawScan, layers: BuiltLayers, options: BuildOptions) -> None:
     """Inputs and targets of the frozen population.
+
+    Args:
+        scan: The raw layer.
+        layers: The layers before it.
+        options: What the builder decides.
 
     Raises:
         DatasetError: The frozen population has no training group, or the bank has an encoding of its own.
@@ -154,8 +161,10 @@ def build_model(scan: RawScan, layers: BuiltLayers) -> None:
     assignment = assignment_of(layers.frames["group_quality"])
     layers.put_table("contexts", contexts)
     layers.put_table("actions", action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None))
-    for name in LAYERS["model"].tables:
-        if name not in ("contexts", "actions"):
+    for name, table in LAYERS["model"].tables.items():
+        if table.optional and not options.endings:
+            layers.drop_table(name)
+        elif name not in ("contexts", "actions"):
             layers.put_table(name, with_homes(scan.rows[name], homes))
     layers.put_document("model/features.json", features_document(descriptor))
     arrays = pack_arrays(layers.frames, groups, descriptor.action_bank.keys)

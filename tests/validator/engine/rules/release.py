@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 import tempfile
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -26,7 +26,7 @@ from branchdrive.card.release_card import release_card
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.layout import CARD_FILE, FILTERING_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
@@ -51,7 +51,7 @@ from branchdrive.release.scan import RawScan, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality
 from branchdrive.runtime.executor import in_process
 from branchdrive.tables.arrow import from_arrow, to_arrow
-from branchdrive.tables.frame import Frame, sort_rows
+from branchdrive.tables.frame import Frame, sort_rows, with_homes
 
 __all__ = [
     "BUILT", "LEAKAGE", "LEDGER", "POPULATION", "RETENTION", "SOURCE", "SPLIT", "STEPS", "THRESHOLDS", "VARIANTS",
@@ -62,6 +62,8 @@ SPLIT, THRESHOLDS, RETENTION, POPULATION, VARIANTS = (
     f"quality/{name}.json" for name in ("split", "thresholds", "retention", "population", "variants")
 )
 LEAKAGE = LEAKAGE_FILE
+
+ENDINGS = "endings"
 
 BUILT = ("canonical", "quality", "model")
 """Layers that the builder makes."""
@@ -91,7 +93,7 @@ def _made() -> Built:
         layers = _built_layers(scan, BuildOptions(seed=SEED))
         nobody = Unavailable("the tests train no network")
         build_leakage(scan, layers, Path(folder), seed=SEED, classifier=nobody)
-        build_model(scan, layers)
+        build_model(scan, layers, BuildOptions(seed=SEED))
     return Built(scan, layers, _arrow(layers))
 
 
@@ -105,7 +107,8 @@ def _built_layers(scan: RawScan, options: BuildOptions) -> BuiltLayers:
 
 
 def _arrow(layers: BuiltLayers) -> dict[str, synthetic.Tables]:
-    return {name: {table: to_arrow(table, layers.frames[table]) for table in LAYERS[name].tables} for name in BUILT}
+    there = {name: [table for table in LAYERS[name].tables if table in layers.frames] for name in BUILT}
+    return {name: {table: to_arrow(table, layers.frames[table]) for table in tables} for name, tables in there.items()}
 
 
 class ReleaseDraft(Draft):
@@ -161,10 +164,18 @@ class ReleaseDraft(Draft):
         raw = Draft({folder: self.tables[folder] for folder in RELEASE_SHARDS}, synthetic_release.raw_descriptor())
         with tempfile.TemporaryDirectory() as folder:
             scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), in_process)
-        layers = _built_layers(scan, options or BuildOptions(seed=SEED))
-        build_model(scan, layers)
+        options = options or BuildOptions(seed=SEED)
+        layers = _built_layers(scan, options)
+        build_model(scan, layers, options)
         self.tables.update(_arrow(layers))
         self.documents = layers.documents
+        self.reseal("card")
+
+    def add_endings(self) -> None:
+        """Add what was recorded of whole drives, with the card that tells it."""
+        frame = with_homes(built().scan.rows[ENDINGS], dict(_homes(self)))
+        self.tables["model"][ENDINGS] = to_arrow(ENDINGS, frame)
+        self.sort(ENDINGS)
         self.reseal("card")
 
     def add_filtering(self) -> dict[str, Any]:
@@ -184,6 +195,11 @@ class ReleaseDraft(Draft):
         if self.raw is not None and beside is not None:
             self.raw.write(beside)
         return super().write(root)
+
+
+def _homes(d: ReleaseDraft) -> Iterator[tuple[str, str]]:
+    contexts = d.frame("contexts")
+    return zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True)
 
 
 def _source(d: ReleaseDraft) -> None:
@@ -251,16 +267,18 @@ def _leakage(d: ReleaseDraft) -> None:
 def _model(d: ReleaseDraft) -> None:
     layers = BuiltLayers(built().layers.keys)
     layers.frames = {name: dict(d.frame(name)) for name in ("group_quality", "records")}
-    build_model(built().scan, layers)
-    for name in LAYERS["model"].tables:
-        d.put(name, layers.frames[name])
+    build_model(built().scan, layers, BuildOptions(endings=ENDINGS in d.tables["model"]))
+    for name, frame in layers.frames.items():
+        if name in LAYERS["model"].tables:
+            d.put(name, frame)
     d.documents.update(layers.documents)
     d.documents["model/normalisation.json"]["split_digest"] = d.documents[SPLIT]["digest"]
 
 
 def _card(d: ReleaseDraft) -> None:
     descriptor = Descriptor.model_validate(d.descriptor)
-    d.texts[CARD_FILE] = release_card(descriptor, d.documents)
+    tables = [table_path(ENDINGS, "test")] if ENDINGS in d.tables.get("model", {}) else []
+    d.texts[CARD_FILE] = release_card(descriptor, d.documents, tables)
     d.texts[LICENCE_FILE] = render_licence(descriptor.licence)
 
 
