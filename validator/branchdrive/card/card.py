@@ -84,7 +84,7 @@ def render_card(
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
         *(section for section in (selected_section(results), ending_section(results)) if section),
-        _structure(descriptor, source, optional, absent=absent),
+        _structure(descriptor, source, optional, absent),
         _use(),
         _validation(descriptor),
         _licence(descriptor),
@@ -317,9 +317,7 @@ def _where(where: Mapping[str, bool]) -> str:
     return ", ".join(f"`{name}`" if value else f"not `{name}`" for name, value in sorted(where.items()))
 
 
-def _structure(
-    descriptor: Descriptor, source: Document, optional: Collection[str], *, absent: Collection[str]
-) -> list[str]:
+def _structure(descriptor: Descriptor, source: Document, there: Collection[str], absent: Collection[str]) -> list[str]:
     files = [["`branchdrive.json`", "Descriptor: what the dataset is and which streams and layers it claims."]]
     if "raw" in descriptor.layers:
         files.append(["`raw/`", "Every attempt as it was recorded, in shards of whole groups."])
@@ -333,8 +331,7 @@ def _structure(
             for document in layer.documents.values()
             if document.name not in absent
         ]
-        there = (table for table in layer.tables.values() if not table.optional or table.name in optional)
-        files += map(_table_row, there)
+        files += [_table_row(one) for one in layer.tables.values() if not one.optional or one.name in there]
     files.append(["`MANIFEST.sha256`", "Digest of every file."])
     lines = ["## Files", "", *grid(_texts("File", "Content"), files)]
     if "raw" not in descriptor.layers:
