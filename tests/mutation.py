@@ -22,7 +22,7 @@ _NAMES = (
     "media", "images", "media_archives", "images_semantic_maps", "maps", "layers", "canonical",
     "quality_qualification", "quality_split", "quality_fidelity", "model_inputs", "model_inputs_targets",
     "model_inputs_features", "model_near_duplicate", "leakage_audit", "leakage_structural", "leakage_audit_battery",
-    "card", "model_endings", "replays", "responses", "responses_copies", "groups_outcomes", "responses_experts",
+    "card", "model_inputs_endings", "replays", "responses", "responses_copies", "groups_outcomes", "responses_experts",
     "image_replays", "responses_images", "benchmark", "benchmark_results", "layers_model_and_benchmark",
 )  # fmt: skip
 

@@ -27,9 +27,9 @@ def detached(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def open_claims(report: dict[str, Any]) -> set[str]:
-    """Claims about layers that were not judged; there is no audit of leakage to judge."""
+    """Claims about layers that were not judged; there is no audit of leakage and no table of endings to judge."""
     skipped = {rule["id"] for rule in report["rules"] if rule["status"] == "skipped" and CATALOGUE[rule["id"]].layer}
-    return {rule for rule in skipped if not rule.startswith("BD-LKG")}
+    return {rule for rule in skipped if not rule.startswith("BD-LKG")} - {"BD-MOD-022"}
 
 
 def test_alone_it_is_partial_and_says_what_to_name(detached: Path) -> None:

@@ -6,8 +6,6 @@ import numpy as np
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import ENDINGS, ReleaseDraft
 
-from branchdrive.contract.layer import table_path
-
 TEST = "g12"
 """A test context."""
 
@@ -48,9 +46,3 @@ def share_of_a_route_with_another_last_bit(d: ReleaseDraft) -> None:
 def candidate_of_which_no_end_is_told(d: ReleaseDraft) -> None:
     d.add_endings()
     d.drop(ENDINGS, **BRAKES)
-
-
-@mutant("BD-LYR-001", at={"file": table_path(ENDINGS, "val")})
-def endings_without_those_of_a_partition(d: ReleaseDraft) -> None:
-    d.add_endings()
-    d.before_seal(lambda root: (root / table_path(ENDINGS, "val")).unlink())
