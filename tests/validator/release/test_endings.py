@@ -9,6 +9,7 @@ import pytest
 from tests.synthetic_release import SEED
 from tests.validator.release.running import LAYERS, breaches, call, contents
 
+from branchdrive.contract.companion import CROISSANT_FILE
 from branchdrive.contract.layout import CARD_FILE
 from branchdrive.errors import DatasetError
 from branchdrive.model.reader import open_model
@@ -32,7 +33,7 @@ def test_endings_are_added_and_nothing_else_but_the_card_and_lists_of_files(buil
     before, after = contents(built), contents(root)
     added = {f"{TABLE}{partition}-00000.parquet" for partition in ("train", "val", "test", "calibration")}
     assert after.keys() - before.keys() == added
-    assert {path for path in before if before[path] != after[path]} == {CARD_FILE, "MANIFEST.sha256"}
+    assert {path for path in before if before[path] != after[path]} == {CARD_FILE, CROISSANT_FILE, "MANIFEST.sha256"}
     assert breaches(root) == set()
     assert "`model/endings-*.parquet`" in after[CARD_FILE].decode()
     layer = open_model(root)

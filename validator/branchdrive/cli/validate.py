@@ -13,6 +13,7 @@ from typing import TextIO
 from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import local, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.media import MEDIA_MODES
 
@@ -34,9 +35,9 @@ def at_least(low: int) -> Callable[[str], int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="the dataset: folder, URL or archive")
     parser.add_argument(
-        "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
+        "--raw", metavar="PATH", type=place, help="dataset with the raw layer that a detached release names by digest"
     )
     report = parser.add_argument_group("what to report")
     report.add_argument(
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             check_output(output.path, outside=root)
     waivers = load_waivers(args.waivers) if args.waivers else ()
     with ExitStack() as stack:
-        root = stack.enter_context(snapshot(args.dataset)) if args.staging else args.dataset
+        root = stack.enter_context(snapshot(local(args.dataset, "--staging"))) if args.staging else args.dataset
         progress = stack.enter_context(progress_bar(stderr, "validating shards"))
         report = validate(
             root,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from datetime import date
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -33,9 +32,12 @@ from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
 from branchdrive.errors import UsageError
+from branchdrive.files.shard_facts import num_groups
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.runtime.executor import Executor, in_process
@@ -61,9 +63,9 @@ def select_rules(patterns: Iterable[str]) -> frozenset[str]:
 
 
 def validate(
-    root: Path | str,
+    root: Place,
     *,
-    raw: Path | str | None = None,
+    raw: Place | None = None,
     select: Sequence[str] | None = None,
     ignore: Sequence[str] = (),
     hash_files: bool = True,
@@ -81,8 +83,8 @@ def validate(
     """Validate the dataset at `root`.
 
     Args:
-        root: The dataset folder.
-        raw: Folder of the dataset with the raw layer, for a detached release.
+        root: The dataset folder; or a bucket, an archive, or a place that is open, see `open_store`.
+        raw: The dataset with the raw layer, for a detached release.
         select: Rule ids or prefixes to run; all by default.
         ignore: Rule ids or prefixes to leave out.
         hash_files: Whether to compare digests; without them the verdict is at best partial.
@@ -100,6 +102,8 @@ def validate(
 
     Raises:
         UsageError: There is no dataset at `root` or `raw`, or the options contradict each other.
+        DatasetError: An archive cannot be read.
+        PlatformError: A store cannot be reached or refuses.
     """
     selected = (select_rules(select) if select is not None else frozenset(CATALOGUE)) - select_rules(ignore)
     qualifying = {rule_id for rule_id, info in CATALOGUE.items() if info.kind in ("structure", "qualification")}
@@ -109,9 +113,9 @@ def validate(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
     # Without the rule on digests, the rule on decoding checks a damaged table.
-    folder = Folder.at(root, follow_links=follow_links, allow=allow)
+    folder = open_store(root, follow_links=follow_links, allow=allow)
     survey = take_survey(folder, hash_files=hash_files and "BD-LAY-002" in selected)
-    source = _raw_survey(survey, raw)
+    source = survey if raw is None else _raw_survey(survey, open_store(raw, follow_links=follow_links, allow=allow))
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
         reading = read_dataset(source, selected, executor, progress, spool=spool, release=survey, media=media)
@@ -137,7 +141,7 @@ def validate(
             hash_files,
             require_groups,
             strict,
-            _shown(folder.links),
+            _shown(folder),
             media,
         ),
         tuple(tallies.values()),
@@ -150,17 +154,17 @@ def validate(
     )
 
 
-def _shown(links: tuple[Path, ...] | None) -> tuple[str, ...] | None:
+def _shown(store: Store) -> tuple[str, ...] | None:
+    """Folders that links may lead into; ``None`` where none is followed."""
+    links = store.links if isinstance(store, Folder) else None
     return None if links is None else tuple(printable(str(folder)) for folder in links)
 
 
-def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
-    """The survey whose shards are the raw layer: of `survey` itself, or of the dataset at `raw`."""
-    if raw is None:
-        return survey
+def _raw_survey(survey: Survey, raw: Store) -> Survey:
+    """The survey whose shards are the raw layer of the release `survey`: of the dataset at `raw`."""
     if survey.has_raw:
         raise UsageError(f"{str(survey.folder)!r} holds its raw layer itself; leave out --raw")
-    source = take_survey(replace(survey.folder, root=Path(raw)), hash_files=survey.is_hashed)
+    source = take_survey(raw, hash_files=survey.is_hashed)
     if source.excess:
         raise UsageError(f"{str(source.folder)!r} exceeds the limits on files, and was not read; validate it by itself")
     if not source.shard_folders:
@@ -259,7 +263,7 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         num_files=len(survey.files),
         num_beside=survey.num_beside,
         num_bytes=sum(entry.size for entry in survey.files),
-        num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
+        num_groups=num_groups(survey.shards),
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
         rows=rows,
     )
