@@ -66,10 +66,20 @@ BASES: dict[str, tuple[str, str | None, str]] = {
         "release-benchmark",
         "a release with a benchmark that has baselines",
     ),
+    "release-endings": (
+        "BD-MOD-022/release_that_tells_how_drives_end",
+        "release",
+        "a release that tells how drives end",
+    ),
     "release-outcomes": (
         "BD-BMK-001/outcomes_of_selections_are_declared",
         "release-benchmark",
         "a release with a benchmark that declares outcomes of selections",
+    ),
+    "release-outcomes-endings": (
+        "BD-BMK-012/endings_of_selections",
+        "release-outcomes",
+        "the same of a release that tells how drives end",
     ),
 }
 """Base datasets: the draft or registered limit that each is written from, the base that its files are stored against,

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from branchdrive.benchmark.prediction.check import mismatch_text, prediction_mismatches
+from branchdrive.benchmark.prediction.data import ENDINGS, BenchmarkData
 from branchdrive.benchmark.prediction.data import TABLES as DATA_TABLES
-from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.contract.document import parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS, table_file
+from branchdrive.contract.layer import LAYERS, table_file, table_paths
 from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
@@ -147,7 +147,9 @@ def benchmark_data(release: Release) -> BenchmarkData:
     Raises:
         DatasetError: A table cannot be read or packed.
     """
-    frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in DATA_TABLES}
+    has_endings = bool(table_paths(ENDINGS, release.manifest.files))
+    tables = (*DATA_TABLES, *([ENDINGS] if has_endings else []))
+    frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in tables}
     return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
 
 

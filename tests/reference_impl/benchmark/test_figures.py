@@ -12,9 +12,12 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from tests.reference_impl.benchmark.small_release import contents, invoke
 from tests.sampling import THOROUGH
+from tests.validator.benchmark.samples import data_with_endings, noise, prediction_set, small_protocol
 
+from branchdrive.benchmark.results import results_document
 from branchdrive_reference.benchmark.figure.canvas import render
 from branchdrive_reference.benchmark.figure.construction import draw_construction
+from branchdrive_reference.benchmark.figure.ending import draw_endings
 from branchdrive_reference.benchmark.figure.gallery import figures
 from branchdrive_reference.benchmark.guard.figure import draw_trade_off
 
@@ -111,3 +114,21 @@ def test_a_figure_is_laid_out_once_and_drawn_once_for_every_format(monkeypatch: 
     files = render(draw_construction)
     assert files.keys() == {"png", "svg"}
     assert drawn == ["RendererAgg", "MixedModeRenderer"]
+
+
+def test_ends_of_drives_are_drawn_where_results_tell_them() -> None:
+    results = results_document(small_protocol(), data_with_endings(), prediction_set(), noise=noise())
+    figure = draw_endings(results)
+    profiles = results["ranking"]["profiles"]
+    assert len(figure.axes) == 3 * len(profiles)
+    clean = figure.axes[len(profiles)]
+    assert clean.get_xlabel() == "clean drives, %"
+    drawn = [np.asarray(line.get_xdata(), float).tolist() for line in clean.lines]
+    for entry in profiles[0]["entries"]:
+        assert [100 * entry["outcomes"]["endings"]["clean"]["value"]] in drawn
+    assert [label.get_text() for label in clean.get_yticklabels()][-1] == "Oracle of clean drives"
+    told = {"prediction": {"estimates": []}, "guard": {"profiles": []}, "warnings": [], "ranking": results["ranking"]}
+    assert "selected_endings.svg" in figures(told, alpha=0.05)
+    for profile in told["ranking"]["profiles"]:
+        profile.pop("num_with_clean")
+    assert "selected_endings.svg" not in figures(told, alpha=0.05)

@@ -126,6 +126,28 @@ def data() -> BenchmarkData:
 
 
 @cache
+def endings() -> dict[str, Any]:
+    """The table of endings of a world that loses sight of some drives, and in which nominal ends well most often."""
+    groups, keys = frames()["scalars"]["group_id"], frames()["scalars"]["action_key"]
+    rng = np.random.default_rng(7)
+    is_nominal = keys == "nominal"
+    found: dict[str, Any] = {"group_id": groups, "action_key": keys}
+    for event, share in (("collision", 0.3), ("off_road", 0.2), ("infraction", 0.05)):
+        monitored = rng.uniform(size=len(keys)) < 0.9
+        happened = rng.uniform(size=len(keys)) < np.where(is_nominal, share / 5, share)
+        found[f"{event}_monitored"] = monitored
+        found[event] = np.ma.masked_array(happened & monitored, ~monitored)
+    found["completed"] = rng.uniform(size=len(keys)) < np.where(is_nominal, 0.95, 0.6)
+    found["route_fraction"] = np.where(found["completed"], 1.0, rng.uniform(size=len(keys))).astype(np.float32)
+    return found
+
+
+@cache
+def data_with_endings() -> BenchmarkData:
+    return BenchmarkData.of({**frames(), "endings": endings()}, BANK)
+
+
+@cache
 def prediction_set() -> PredictionSet:
     """M0 the training mean, M1 the mean of each candidate, M2 that of each group, M3 the outcome with noise."""
     train = data().part("train").outcomes.scalars

@@ -191,13 +191,18 @@ def test_variants_stand_apart(release: Release) -> None:
 
 def test_the_files_of_every_layer_are_described(release: Release) -> None:
     described = make_descriptor().model_copy(update={"layers": ("raw", *LAYERS)})
-    text = render_card(described, SOURCE, *release, leakage=leakage(), filtering=EXAMPLES["filtering"])
+    added = {"leakage": leakage(), "filtering": EXAMPLES["filtering"]}
+    text = render_card(described, SOURCE, *release, **added, optional=["endings"])
     for layer in LAYERS.values():
         names = [*(f"{layer.name}/{name}" for name in layer.documents), *map(table_pattern, layer.tables)]
         for name in names if layer.name != "benchmark" else ():
             assert row(text, f"`{name}`".replace("*", ""))[0]
     assert "`raw/`" in text
     assert "--raw" not in text
+
+
+def test_an_optional_table_is_described_where_it_is_there(release: Release) -> None:
+    assert "endings" not in card(release)
 
 
 def test_a_detached_release_names_its_raw_layer(release: Release) -> None:

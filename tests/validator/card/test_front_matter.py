@@ -48,12 +48,18 @@ def test_splits_are_the_partitions_with_a_group_in_the_frozen_population() -> No
 def test_every_table_with_a_row_for_each_group_is_named_and_scalars_come_first_to_hand() -> None:
     found = read()
     names = [config["config_name"] for config in found["configs"]]
-    assert set(names) == {*LAYERS["model"].tables} - {"media_index"}
+    assert set(names) == {*LAYERS["model"].tables} - {"media_index", "endings"}
     assert [config["config_name"] for config in found["configs"] if config.get("default")] == ["scalars"]
     assert splits(found, "actions") == {"bank": table_pattern("actions")}
     for name in names:
         partitions = ("train", "val", "test") if LAYER_TABLES[name].partitions else (None,)
         assert [*splits(found, name).values()] == [table_pattern(name, one) for one in partitions]
+
+
+def test_an_optional_table_is_named_where_it_is_there() -> None:
+    described = make_descriptor().model_copy(update={"layers": tuple(LAYERS)})
+    found = yaml.safe_load("\n".join(front_matter(described, POPULATION, ["endings"])[1:-1]))
+    assert splits(found, "endings")["test"] == table_pattern("endings", "test")
 
 
 def test_surroundings_are_named_where_evidence_is_claimed() -> None:

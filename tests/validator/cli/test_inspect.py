@@ -120,6 +120,22 @@ def test_a_table_is_told_column_by_column(release: Path) -> None:
     assert f"{min(values):.6g} .. {max(values):.6g}" in out
 
 
+def test_an_optional_table_is_told_where_it_is_there(release: Path, tmp_path: Path) -> None:
+    _, out, _ = inspect(release)
+    assert "endings" not in out
+    assert "Not read" not in out
+    code, out, err = inspect(release, "endings")
+    assert (code, out) == (2, "")
+    assert "has no table `endings`, which `branchdrive build --endings` adds" in err
+    draft = release_draft()
+    draft.add_endings()
+    root = draft.write(tmp_path / "dataset")
+    assert rows_of(inspect(root)[1])["endings"][0] == f"{len(draft.tables['model']['endings']):,}"
+    code, out, _ = inspect(root, "endings")
+    assert code == 0
+    assert "route_fraction" in out
+
+
 def test_a_group_is_told_attempt_by_attempt(raw: Path) -> None:
     dataset = open_dataset(raw)
     code, out, _ = inspect(raw, dataset.groups[0])

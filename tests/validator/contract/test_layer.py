@@ -240,14 +240,23 @@ def test_path_of_a_table_lies_in_the_folder_of_its_layer(table: Table) -> None:
         assert fnmatchcase(path, table_pattern(table.name)) or file.part is None
 
 
+def test_an_optional_table_is_missing_only_where_it_is_begun() -> None:
+    layer = LAYERS["model"]
+    assert layer.tables["endings"].optional
+    assert not any("endings" in path for path in layer.missing(()))
+    assert layer.num_required([table_path("endings", "val")]) == layer.num_required(()) + 4
+    rest = {table_path("endings", partition) for partition in ("train", "test", "calibration")}
+    assert {*layer.missing([table_path("endings", "val", 3)])} == {*layer.missing(()), *rest}
+
+
 @each_table
 def test_a_table_or_partition_without_a_file_lacks_its_first_part(table: Table) -> None:
     layer = LAYERS[layer_of_table(table.name)]
-    every = layer.missing(())
-    assert len(every) == layer.num_required
     first = [table_path(table.name, partition) for partition in table.partitions or (None,)]
-    assert {*first} <= {*every}
+    every = {*layer.missing(()), *first}
+    assert len(every) == layer.num_required(first)
     assert layer.missing([path for path in every if path != first[-1]]) == (first[-1],)
+    assert table.optional or {*first} <= {*layer.missing(())}
     if table.is_of_groups:
         other = table_path(table.name, *(table.partitions or (None,))[-1:], 7)
         assert layer.missing([*(path for path in every if path != first[-1]), other]) == ()

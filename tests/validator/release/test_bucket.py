@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from tests import synthetic, synthetic_release
 from tests.bucket_server import serving, use
+from tests.validator.release.running import contents
 
 from branchdrive.cli.main import run
 from branchdrive.contract.companion import CROISSANT_FILE
@@ -20,8 +21,8 @@ def test_a_release_is_built_into_a_bucket(tmp_path: Path, monkeypatch: pytest.Mo
     synthetic.write_dataset(raw, synthetic_release.raw_tables(), synthetic_release.raw_descriptor())
     arguments = ["build", str(raw), "--no-leakage", "--seed", SEED, "--output"]
     assert run([*arguments, str(plain)], io.StringIO(), io.StringIO()) == 0
-    expected = {path.relative_to(plain).as_posix(): path.read_bytes() for path in plain.rglob("*") if path.is_file()}
-    del expected[CROISSANT_FILE]  # lies beside a dataset, and is no file of its manifest
+    expected = contents(plain)
+    del expected[CROISSANT_FILE]  # a companion, no part of the release
     with serving() as server:
         use(server, monkeypatch)
         out = io.StringIO()

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 from tests.synthetic import seal_dataset
-from tests.validator.release.running import build, contents, derived
+from tests.synthetic_release import SEED
+from tests.validator.release.running import build, call, contents, derived
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import parse_json
@@ -132,7 +133,7 @@ def test_the_release_is_valid_and_equals_that_of_one_part_but_for_names_of_shard
     assert report.verdict == "valid", findings(report)
     folders = [Folder(root) for root in (built, two_parts)]
     for name, table in LAYER_TABLES.items():
-        if name in LAYERS["benchmark"].tables:
+        if name in LAYERS["benchmark"].tables or table.optional:
             continue
         rows = [conform(read_layer_table(folder, name), name) for folder in folders]
         kept = [column for column in table_columns(name) if column != "shard"]
@@ -232,6 +233,20 @@ def test_a_part_that_is_missing_is_missing_rows(copied: Path) -> None:
         place["file"] for places in found.values() for place in places if place.get("table") == "group_quality"
     } == {path}
     assert "BD-QUA-005" in found
+
+
+def test_a_part_of_an_optional_table_that_is_missing_is_missing_rows(copied: Path) -> None:
+    assert call("build", copied, "--stage", "model", "--seed", SEED, "--endings")[0] == 0
+    assert validate(copied).verdict == "valid"
+    path = next(path for path in table_paths("endings", derived(copied)) if path.endswith("-00001.parquet"))
+    num_rows = read(copied, path).num_rows
+    (copied / path).unlink()
+    seal_dataset(copied)
+    report = validate(copied)
+    assert {(rule, place["file"]) for rule, places in findings(report).items() for place in places} >= {
+        ("BD-MOD-004", path)
+    }
+    assert next(t.num_findings for t in report.tallies if t.rule_id == "BD-MOD-004") == num_rows
 
 
 def test_a_table_without_a_file_misses_its_first_part(copied: Path) -> None:

@@ -11,6 +11,7 @@ from branchdrive.benchmark.cell import Document, number, spread_over_seeds
 from branchdrive.benchmark.prediction.table import headline_tables
 from branchdrive.benchmark.protocol.protocol import Partitions
 from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
+from branchdrive.benchmark.ranking.ending_table import LIMITS, MEANING, ending_sentence, has_endings
 from branchdrive.benchmark.ranking.selected_table import is_privileged
 from branchdrive.contract.text import NONE, counted, percent
 from branchdrive.statistics.bca import LEAST_UNITS
@@ -67,6 +68,11 @@ def _selection_sections(results: Document) -> list[Table | Passage]:
     if all("outcomes" in entry for entries in by_profile for entry in entries.values()):
         rows = [[name, *(_contact(entries.get(name)) for entries in by_profile)] for name in names]
         tables.append(Table("Selections that make a contact, by profile", columns, rows))
+    if all(map(has_endings, profiles)):
+        rows = [[name, *(_clean(entries.get(name)) for entries in by_profile)] for name in names]
+        worse = [(profile["profile"], ending_sentence(profile)) for profile in profiles]
+        notes = [MEANING, LIMITS, *(f"{profile}: {sentence}" for profile, sentence in worse if sentence)]
+        tables.append(Table("Selections whose drive is clean to its end, by profile", columns, rows, notes))
     return [*tables]
 
 
@@ -84,6 +90,12 @@ def _regret(entry: Document | None) -> str:
 def _contact(entry: Document | None) -> str:
     """The share of selections with a contact, which utility hides."""
     rate = None if entry is None else entry["outcomes"]["contact"]
+    return NONE if rate is None or rate["value"] is None else percent(rate["value"], 1)
+
+
+def _clean(entry: Document | None) -> str:
+    """The share of selections whose drive has no collision, departure from the road or infraction."""
+    rate = None if entry is None else entry["outcomes"]["endings"]["clean"]
     return NONE if rate is None or rate["value"] is None else percent(rate["value"], 1)
 
 

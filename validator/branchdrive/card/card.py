@@ -17,7 +17,7 @@ from typing import Any
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
 from branchdrive.card.filtering import filtering_lines
 from branchdrive.card.front_matter import front_matter
-from branchdrive.card.selected import selected_section
+from branchdrive.card.selected import ending_section, selected_section
 from branchdrive.contract.columns import Table
 from branchdrive.contract.descriptor import Descriptor, ReplayNoise, Vehicle
 from branchdrive.contract.layer import LAYERS, table_pattern
@@ -66,15 +66,16 @@ def render_card(
     leakage: Document | None = None,
     filtering: Document | None = None,
     results: Document | None = None,
+    optional: Collection[str] = (),
 ) -> str:
-    """The card as Markdown, of a release's descriptor and documents.
+    """The card as Markdown, of a release's descriptor and documents, and of the optional tables that it has.
 
     `leakage` is None where it was not audited, `filtering` where it was not recorded, `results` where no benchmark is
     published.
     """
     absent = {name for name, found in (("leakage.json", leakage), ("filtering.json", filtering)) if found is None}
     sections = [
-        front_matter(descriptor, population),
+        front_matter(descriptor, population, optional),
         _head(descriptor, population, ledger, leakage),
         _about(descriptor),
         _population(population),
@@ -83,8 +84,8 @@ def render_card(
         _fidelity(thresholds, retention, ledger, filtering),
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
-        *([section] if (section := selected_section(results)) else []),
-        _structure(descriptor, source, absent=absent),
+        *(section for section in (selected_section(results), ending_section(results)) if section),
+        _structure(descriptor, source, optional, absent),
         _use(),
         _validation(descriptor),
         _licence(descriptor),
@@ -309,7 +310,7 @@ def _where(where: Mapping[str, bool]) -> str:
     return ", ".join(f"`{name}`" if value else f"not `{name}`" for name, value in sorted(where.items()))
 
 
-def _structure(descriptor: Descriptor, source: Document, *, absent: Collection[str]) -> list[str]:
+def _structure(descriptor: Descriptor, source: Document, there: Collection[str], absent: Collection[str]) -> list[str]:
     files = [["`branchdrive.json`", "Descriptor: what the dataset is and which streams and layers it claims."]]
     if "raw" in descriptor.layers:
         files.append(["`raw/`", "Every attempt as it was recorded, in shards of whole groups."])
@@ -323,7 +324,7 @@ def _structure(descriptor: Descriptor, source: Document, *, absent: Collection[s
             for document in layer.documents.values()
             if document.name not in absent
         ]
-        files += [_table_row(table) for table in layer.tables.values()]
+        files += [_table_row(one) for one in layer.tables.values() if not one.optional or one.name in there]
     files.append(["`MANIFEST.sha256`", "Digest of every file."])
     lines = ["## Files", "", *grid(_texts("File", "Content"), files)]
     if "raw" not in descriptor.layers:

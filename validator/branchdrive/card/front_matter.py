@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from branchdrive.contract.columns import LAYER_TABLES
@@ -38,19 +38,20 @@ _HUB_NAMES = {"odc-by-1.0": "odc-by", "odbl-1.0": "odbl", "pddl-1.0": "pddl"}
 """Identifiers of hubs where they are others, by that of SPDX."""
 
 
-def front_matter(descriptor: Descriptor, population: Mapping[str, Any]) -> list[str]:
+def front_matter(descriptor: Descriptor, population: Mapping[str, Any], optional: Collection[str] = ()) -> list[str]:
     """Lines of the front matter, its fences included.
 
     Args:
         descriptor: What the release is.
         population: Its stages by partition: a partition without a group in the frozen population is no split.
+        optional: Names of the optional tables that it has.
     """
     lines = ["---", *_licence(descriptor.licence), f"pretty_name: {_text(descriptor.title)}", "tags:"]
     lines += [f"- {_text(tag)}" for tag in dict.fromkeys((*_TAGS, *descriptor.keywords))]
     if "model" in descriptor.layers:
         groups = next((stage["groups"] for stage in population["stages"] if stage["stage"] == "frozen"), None) or {}
         present = [name for name in population["partitions"] if groups.get(name)]
-        lines += ["configs:", *(line for table in _tables(descriptor) for line in _config(table, present))]
+        lines += ["configs:", *(line for table in _tables(descriptor, optional) for line in _config(table, present))]
     return [*lines, "---"]
 
 
@@ -62,12 +63,12 @@ def _licence(spdx: str) -> list[str]:
     return ["license: other", f"license_name: {_text(re.sub('[^a-z0-9.]+', '-', known).strip('-'))}"]
 
 
-def _tables(descriptor: Descriptor) -> Iterator[str]:
+def _tables(descriptor: Descriptor, optional: Collection[str]) -> Iterator[str]:
     """Tables of the model layer that have a row for every group; which media there are hangs on the group."""
-    for name in LAYERS["model"].tables:
+    for name, table in LAYERS["model"].tables.items():
         if name == "surroundings" and "actor_risk_evidence" not in descriptor.streams:
             continue
-        if name != "media_index":
+        if name != "media_index" and (not table.optional or name in optional):
             yield name
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from branchdrive.card.card import render_card
+from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.layer import paths_by_table
 from branchdrive.contract.layout import FILTERING_FILE, LEAKAGE_FILE, RESULTS_FILE, SOURCE_FILE
 
 __all__ = ["ADDED", "REQUIRED", "release_card"]
@@ -20,13 +22,15 @@ ADDED = {"leakage": LEAKAGE_FILE, "filtering": FILTERING_FILE, "results": RESULT
 """Those that a release may do without."""
 
 
-def release_card(descriptor: Descriptor, documents: Mapping[str, Any]) -> str:
+def release_card(descriptor: Descriptor, documents: Mapping[str, Any], files: Collection[str] = ()) -> str:
     """The card as Markdown.
 
     Args:
         descriptor: Of the release.
         documents: Its documents by path; others than `REQUIRED` and `ADDED` are not looked at.
+        files: Paths of its files, of which those of optional tables count.
     """
     required = {name: documents[path] for name, path in REQUIRED.items()}
     added: dict[str, Any] = {name: documents.get(path) for name, path in ADDED.items()}
-    return render_card(descriptor, **required, **added)
+    optional = [name for name in paths_by_table(files) if LAYER_TABLES[name].optional]
+    return render_card(descriptor, **required, **added, optional=optional)

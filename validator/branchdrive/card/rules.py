@@ -40,9 +40,9 @@ def raw_dataset_agrees(view: ReleaseView) -> Iterator[Check]:
 
 @rule("BD-REL-003")
 def card_says_what_the_layers_say(view: ReleaseView) -> Iterator[Check]:
-    """The card is the one that descriptor and documents give."""
+    """The card is the one that descriptor, documents and the names of the files give."""
     there = [*REQUIRED.values(), *(path for path in ADDED.values() if path in view.files)]
-    card = release_card(view.descriptor, {path: view.document(path) for path in there})
+    card = release_card(view.descriptor, {path: view.document(path) for path in there}, view.files)
     yield text_agrees(view, CARD_FILE, card)
 
 

@@ -64,6 +64,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--no-leakage", action="store_true", help="leave the leakage audit out, an earlier one too; the card says so"
     )
+    what.add_argument(
+        "--endings",
+        action="store_true",
+        help="add what was recorded of every candidate's drive up to its end; a benchmark then reports it",
+    )
     population = parser.add_argument_group("whom it holds")
     population.add_argument(
         "--seed", metavar="S", type=seed, default=0, help="seed of split, intervals and audit (default: 0)"
@@ -96,7 +101,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         if args.stage and "leakage" in args.stage:
             raise UsageError("`--no-leakage` and `--stage leakage` contradict each other")
         stages = tuple(stage for stage in stages if stage != "leakage")
-    options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants))
+    options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants), args.endings)
     with ExitStack() as stack:
         upload = _upload(args.output, stack)
         show = stack.enter_context(progress_bar(stderr, "building"))

@@ -53,7 +53,7 @@ def _tables() -> Table:
          ", ".join(table.key), table.title]
         for table in (*TABLES.values(), *LAYER_TABLES.values())
     ]  # fmt: skip
-    return Table("Tables", columns, rows)
+    return Table("Tables", columns, rows, [_optional(table.name) for table in LAYER_TABLES.values() if table.optional])
 
 
 def _columns(name: str) -> Table:
@@ -69,4 +69,9 @@ def _columns(name: str) -> Table:
         [one.name, one.type, one.unit or "", one.track, "yes" if one.nullable else "", one.description]
         for one in table.columns
     ]
-    return Table(f"{name}: {table.title}", columns, rows, [f"Key: {', '.join(table.key)}."])
+    notes = [f"Key: {', '.join(table.key)}.", *([_optional(name)] if table.optional else [])]
+    return Table(f"{name}: {table.title}", columns, rows, notes)
+
+
+def _optional(name: str) -> str:
+    return f"A release has {name} where `branchdrive build --{name}` was asked for it."

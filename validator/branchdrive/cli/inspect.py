@@ -50,7 +50,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
 def _of_dataset(dataset: Folder, name: str | None, stdout: TextIO) -> str:
     from branchdrive.cli.inspect_text import print_group, print_overview, print_table
+    from branchdrive.contract.columns import LAYER_TABLES
     from branchdrive.formats.descriptor_file import read_descriptor
+    from branchdrive.formats.table_file import absent_table
     from branchdrive.inspection.overview import look_over
     from branchdrive.inspection.place import table_at
     from branchdrive.raw.contexts import records_of
@@ -71,5 +73,7 @@ def _of_dataset(dataset: Folder, name: str | None, stdout: TextIO) -> str:
     if records or name in found.contexts:
         context = found.contexts.get(name, {})
         return render(partial(print_group, group_id=name, context=context, records=records), stdout)
+    if name in LAYER_TABLES and LAYER_TABLES[name].optional:
+        raise absent_table(dataset, name)
     near = similar(name, [*tables, *found.contexts])  # groups may be thousands, so all are never named
     raise UsageError(f"no table or group {quote(name)}; {nearest(name, near or [*tables])}")

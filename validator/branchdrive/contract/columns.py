@@ -97,6 +97,7 @@ class Table:
         key: Columns whose values no two rows share.
         columns: Its columns.
         partitions: Partitions whose rows have files of their own, in the order of the rows; none where it has none.
+        optional: Whether its layer may lack it.
     """
 
     name: str
@@ -105,6 +106,7 @@ class Table:
     key: tuple[str, ...]
     columns: tuple[Column, ...]
     partitions: tuple[str, ...] = ()
+    optional: bool = False
 
     def __getitem__(self, name: str) -> Column:
         for column in self.columns:
@@ -171,7 +173,8 @@ def _table(name: str, declared: Mapping[str, Any]) -> Table:
     columns = tuple(_column(name, column) for column in declared["columns"])
     divided_by = declared.get("divided_by")
     partitions = next((column.values for column in columns if column.name == divided_by), ())
-    return Table(name, declared["title"], declared["rate"], tuple(declared["key"]), columns, partitions)
+    key, optional = tuple(declared["key"]), declared.get("optional", False)
+    return Table(name, declared["title"], declared["rate"], key, columns, partitions, optional)
 
 
 def _streams() -> Mapping[str, Stream]:

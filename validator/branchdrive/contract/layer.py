@@ -63,11 +63,13 @@ class Layer:
     tables: Mapping[str, Table]
     free: tuple[str, ...] = ()
 
-    @property
-    def num_required(self) -> int:
-        """Required documents and tables, a table of partitions once for each."""
+    def num_required(self, there: Collection[str]) -> int:
+        """Documents and tables that the layer must have beside the files that are `there`, those among them too.
+
+        A table of partitions counts once for each.
+        """
         num_documents = sum(not document.optional for document in self.documents.values())
-        return num_documents + sum(len(table.partitions) or 1 for table in self.tables.values())
+        return num_documents + len(self._required_tables(self._found(there)))
 
     def missing(self, there: Collection[str]) -> tuple[str, ...]:
         """Paths relative to the root of files that the layer must have and that are not `there`.
@@ -76,14 +78,20 @@ class Layer:
         are follows from their rows.
         """
         required = (f"{self.name}/{name}" for name, document in self.documents.items() if not document.optional)
-        found = {file[:2] for path in there if path.startswith(f"{self.name}/") and (file := table_file(path))}
-        tables = (
-            table_path(table.name, partition)
-            for table in self.tables.values()
-            for partition in table.partitions or (None,)
-            if (table.name, partition) not in found
-        )
+        found = self._found(there)
+        tables = (table_path(*one) for one in self._required_tables(found) if one not in found)
         return (*(path for path in required if path not in there), *tables)
+
+    def _found(self, there: Collection[str]) -> set[tuple[str, str | None]]:
+        """Tables of the layer, with the partition of their rows, that have a file `there`."""
+        files = (table_file(path) for path in there if path.startswith(f"{self.name}/"))
+        return {file[:2] for file in files if file}
+
+    def _required_tables(self, found: Collection[tuple[str, str | None]]) -> list[tuple[str, str | None]]:
+        """Tables that the layer must have, once for each partition: an optional one where any of it is `found`."""
+        begun = {name for name, _ in found}
+        tables = (table for table in self.tables.values() if not table.optional or table.name in begun)
+        return [(table.name, partition) for table in tables for partition in table.partitions or (None,)]
 
     def own(self, paths: Iterable[str]) -> tuple[str, ...]:
         """Those of the `paths`, relative to the root, that documents and files of tables of the layer may have."""

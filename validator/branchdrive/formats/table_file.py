@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "conform", "join_parts", "layer_table_paths", "part_numbers", "partitions_of", "parts_of", "read_layer_table",
-    "read_table",
+    "absent_table", "conform", "join_parts", "layer_table_paths", "part_numbers", "partitions_of", "parts_of",
+    "read_layer_table", "read_table",
 ]  # fmt: skip
 
 _ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
@@ -32,6 +32,8 @@ _ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
 
 def layer_table_paths(dataset: Store, name: str) -> tuple[str, ...]:
     """Paths of the files of a derived layer's table that a dataset has, in the order of their rows.
+
+    Of a table that is optional there may be none.
 
     Raises:
         DatasetError: It has none, or of one partition none; or its folder cannot be listed.
@@ -44,9 +46,21 @@ def layer_table_paths(dataset: Store, name: str) -> tuple[str, ...]:
     return paths
 
 
+def absent_table(dataset: Store, name: str) -> DatasetError:
+    """What to tell who asks for an optional table that a dataset does without."""
+    return DatasetError(f"{dataset}: has no table `{name}`, which `branchdrive build --{name}` adds")
+
+
 def read_layer_table(dataset: Store, name: str) -> pa.Table:
-    """The table `name` of a derived layer, from all of its files; see `read_table`."""
-    return join_parts([read_table(dataset, path, name) for path in layer_table_paths(dataset, name)])
+    """The table `name` of a derived layer, from all of its files; see `read_table`.
+
+    Raises:
+        DatasetError: It cannot be read, or it is optional and not there.
+    """
+    paths = layer_table_paths(dataset, name)
+    if not paths:
+        raise absent_table(dataset, name)
+    return join_parts([read_table(dataset, path, name) for path in paths])
 
 
 def join_parts(parts: Sequence[pa.Table]) -> pa.Table:

@@ -51,7 +51,10 @@ class TableFiles:
 
 
 def files_of_tables(dataset: Folder, descriptor: Descriptor) -> Iterator[TableFiles]:
-    """Files of every table that a dataset claims, raw tables first; one that lacks its files has none."""
+    """Files of every table that a dataset claims, raw tables first; one that lacks its files has none.
+
+    An optional table that is not there is not among them.
+    """
     if descriptor.has_raw:
         shards = [_folder(dataset, f"{RAW_DIR}/{shard_name(s.index)}") for s in find_shards(dataset)[:MOST_SHARDS]]
         for name in descriptor.tables:
@@ -60,8 +63,9 @@ def files_of_tables(dataset: Folder, descriptor: Descriptor) -> Iterator[TableFi
     for layer in descriptor.derived_layers:
         entries = {entry.path: entry for entry in _folder(dataset, layer).values()}
         paths = paths_by_table(entries)
-        for name in LAYERS[layer].tables:
-            yield _with_rows(dataset, name, layer, [entries[path] for path in paths.get(name, ())])
+        for name, table in LAYERS[layer].tables.items():
+            if name in paths or not table.optional:
+                yield _with_rows(dataset, name, layer, [entries[path] for path in paths.get(name, ())])
 
 
 def media_files(dataset: Folder, descriptor: Descriptor) -> list[Entry]:

@@ -38,7 +38,7 @@ def layers_have_their_files(view: ReleaseView) -> Iterator[Check]:
     layers = [LAYERS[name] for name in view.descriptor.derived_layers]
     missing = [path for layer in layers for path in layer.missing(view.files)]
     mismatches = [Mismatch({"file": path}, "a file of a claimed layer", "no such file") for path in missing]
-    yield Check.of(sum(layer.num_required for layer in layers), mismatches)
+    yield Check.of(sum(layer.num_required(view.files) for layer in layers), mismatches)
 
 
 def _noted(view: ReleaseView, rule_id: str, examined: int) -> Iterator[Check]:

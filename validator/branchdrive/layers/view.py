@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.layer import paths_by_table, table_path
+from branchdrive.contract.layer import paths_by_table, table_path, table_paths
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Mismatch, PreconditionError
 from branchdrive.tables.arrow import StoredFrame
@@ -154,6 +154,10 @@ class ReleaseView:
     def claims(self, layer: str) -> bool:
         """Whether the dataset claims the layer."""
         return layer in self.descriptor.layers
+
+    def has(self, table: str) -> bool:
+        """Whether the release has the table, which may be optional; a file of it may break the format."""
+        return table in self.tables or bool(table_paths(table, self.files))
 
     def frame(self, table: str) -> Frame:
         """Rows of a stored table.

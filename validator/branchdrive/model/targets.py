@@ -1,6 +1,6 @@
-"""Targets of candidates with whole windows, and where their own branch poses lie.
+"""Targets of candidates with whole windows, how their drives end, and where their own branch poses lie.
 
-Source: paper, "Model Inputs and Targets"; spec/12-model.md#targets.
+Source: paper, "Model Inputs and Targets"; spec/12-model.md#targets, #endings.
 """
 
 from __future__ import annotations
@@ -12,13 +12,21 @@ from branchdrive.contract.timing import FUTURE_OFFSETS
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.target import TARGETS, TRAJECTORY, Motion, Risk, Targets, scalar_targets, trajectory
 from branchdrive.model.features import target_mask
+from branchdrive.raw.motion.contact import COLLISION_COUNTS
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
 from branchdrive.tables.frame import Values
 
-__all__ = ["candidate_columns", "scalar_columns", "targets_of", "trajectory_columns"]
+__all__ = ["candidate_columns", "ending_columns", "scalar_columns", "targets_of", "trajectory_columns"]
 
 Index = NDArray[np.int64]
+
+_COUNTS = {
+    "collision": COLLISION_COUNTS,
+    "off_road": ("result_num_off_road_infractions",),
+    "infraction": ("result_num_red_light_infractions", "result_num_stop_sign_infractions"),
+}
+"""Recorded counts of an attempt that an event of its drive follows from, by event."""
 
 
 def _motion(view: ShardView, rollouts: Index) -> Motion:
@@ -67,6 +75,19 @@ def trajectory_columns(view: ShardView, rollouts: Index) -> dict[str, Values]:
         "step": np.tile(np.arange(1, num_steps + 1, dtype=np.int32), len(rollouts)),
         **dict(zip(TRAJECTORY, values.reshape(-1, values.shape[2]).T, strict=True)),
     }
+
+
+def ending_columns(view: ShardView, rollouts: Index) -> dict[str, Values]:
+    """What was recorded of whole drives, ``[rollouts]``: events where all their counts were monitored, and progress."""
+    frame = _keys(view, rollouts)
+    for event, names in _COUNTS.items():
+        monitored = np.logical_and.reduce([view.rollouts.valid(name)[rollouts] for name in names])
+        happened = np.logical_or.reduce([view.rollouts[name][rollouts] > 0 for name in names])
+        frame[f"{event}_monitored"] = monitored
+        frame[event] = np.ma.masked_array(happened & monitored, ~monitored)
+    frame["completed"] = view.rollouts["result_completion"][rollouts] == "completed"
+    frame["route_fraction"] = view.rollouts["result_route_fraction"][rollouts]
+    return frame
 
 
 def candidate_columns(view: ShardView, rollouts: Index, nominals: Index) -> dict[str, Values]:

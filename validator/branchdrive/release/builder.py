@@ -271,7 +271,7 @@ class _Job:
         )
 
     def _model(self) -> None:
-        build_model(self.work)
+        build_model(self.work, self.options)
 
     def publish(self) -> Manifest:
         """Put everything in its place; the manifest of the release."""
@@ -288,7 +288,7 @@ class _Job:
         built: dict[str, bytes | StoredFile] = {**layers.contents, **layers.files}
         files = {path: file for path, file in built.items() if {path, path.split("/")[0]} & kept}
         if "quality" in layers.names:
-            files[CARD_FILE] = release_card(descriptor, layers.documents).encode()
+            files[CARD_FILE] = release_card(descriptor, layers.documents, files).encode()
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
         check_unchanged(scan)
         return publish(self.target, kept_files, files, descriptor)

@@ -103,11 +103,16 @@ class TableStore:
         }
 
     def completed(self, names: Collection[str], files: Mapping[str, StoredFile]) -> dict[str, StoredFile]:
-        """All files of tables, given those with rows: a table or partition without any gets its first part."""
+        """All files of tables, given those with rows: a table or partition without any gets its first part.
+
+        An optional table without any row gets no file at all.
+        """
         there = {file[:2] for path in files if (file := table_file(path)) is not None}
+        begun = {name for name, _ in there}
         lacking = (
             (name, table_path(name, partition))
             for name in names
+            if name in begun or not LAYER_TABLES[name].optional
             for partition in LAYER_TABLES[name].partitions or (None,)
             if (name, partition) not in there
         )

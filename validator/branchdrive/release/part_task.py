@@ -180,6 +180,7 @@ class ModelTask:
         groups: Rows of `group_quality` of the part, complete.
         records: File with the records of the part.
         actions: Rows of the table `actions`.
+        tables: Names of the tables that the layer gets.
     """
 
     part: RawPart
@@ -187,6 +188,7 @@ class ModelTask:
     groups: Frame
     records: StoredFile
     actions: Frame
+    tables: tuple[str, ...]
 
 
 def model_part(task: ModelTask) -> FilesAndCounts:
@@ -195,7 +197,7 @@ def model_part(task: ModelTask) -> FilesAndCounts:
     contexts = context_rows(task.groups, task.records.rows("records"))
     groups, partitions = contexts["group_id"].tolist(), contexts["partition"].tolist()
     homes = dict(zip(groups, partitions, strict=True))
-    others = [name for name in LAYERS["model"].tables if name not in ("contexts", "actions")]
+    others = [name for name in task.tables if name not in ("contexts", "actions")]
     tables = {"contexts": contexts, **{name: with_homes(rows[name], homes) for name in others}}
     files = _written(task.store, tables, task.part.number)
     if groups:

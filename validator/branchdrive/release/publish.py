@@ -313,7 +313,7 @@ def _card(target: Folder, descriptor: Descriptor, files: Mapping[str, bytes], ke
     contents |= {p: target.read(p, most) for p in (*REQUIRED.values(), *ADDED.values()) if p in kept}
     try:
         documents = {path: parse_json(content) for path, content in contents.items()}
-        return release_card(descriptor, documents).encode()
+        return release_card(descriptor, documents, {*files, *kept}).encode()
     except (ValueError, RecursionError, KeyError, TypeError) as error:
         raise DatasetError(f"{target}: the documents of the release give no card; run `branchdrive build`") from error
 

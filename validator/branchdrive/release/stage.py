@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from branchdrive.canonical.record import sum_of_counts
 from branchdrive.contract.columns import table_schema
 from branchdrive.contract.encoding import ENCODING_NAME
-from branchdrive.contract.layer import table_path
+from branchdrive.contract.layer import LAYERS, table_path
 from branchdrive.contract.layout import FILTERING_FILE, LEDGER_FILE, SOURCE_FILE
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError, UsageError
@@ -67,11 +67,13 @@ class BuildOptions:
         seed: Seed of the split, of the intervals of retention and of the leakage audit.
         calibration: The least that a calibration partition must hold; ``None`` for no such partition.
         variants: Populations to declare beside the frozen one and `extended`.
+        endings: Whether the model layer has the table `endings`.
     """
 
     seed: int = 0
     calibration: Calibration | None = None
     variants: Sequence[Variant] = ()
+    endings: bool = False
 
 
 def build_canonical(work: StageWork) -> None:
@@ -184,8 +186,12 @@ def check_encoding(scan: RawScan) -> None:
         )
 
 
-def build_model(work: StageWork) -> None:
+def build_model(work: StageWork, options: BuildOptions) -> None:
     """Inputs and targets of the frozen population.
+
+    Args:
+        work: The raw layer, and the layers before it.
+        options: What the builder decides.
 
     Raises:
         DatasetError: The frozen population has no training group, or the bank has an encoding of its own.
@@ -193,9 +199,10 @@ def build_model(work: StageWork) -> None:
     scan, layers, descriptor = work.scan, work.layers, work.scan.descriptor
     check_encoding(scan)
     actions = action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None)
+    tables = tuple(name for name, table in LAYERS["model"].tables.items() if options.endings or not table.optional)
     quality = [_stored_groups(work, part) for part in scan.parts]
     tasks = [
-        ModelTask(part, work.store, groups, layers.files[table_path("records", part=part.number)], actions)
+        ModelTask(part, work.store, groups, layers.files[table_path("records", part=part.number)], actions, tables)
         for part, groups in zip(scan.parts, quality, strict=True)
         if num_rows(groups)
     ]

@@ -8,9 +8,11 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from branchdrive.benchmark.ranking.ending_table import has_endings
 from branchdrive_reference.benchmark.figure.attrition import draw_attrition
 from branchdrive_reference.benchmark.figure.canvas import render
 from branchdrive_reference.benchmark.figure.construction import draw_construction
+from branchdrive_reference.benchmark.figure.ending import draw_endings
 from branchdrive_reference.benchmark.figure.leakage import draw_leakage
 from branchdrive_reference.benchmark.figure.policy import draw_policy
 from branchdrive_reference.benchmark.figure.prediction import draw_prediction
@@ -48,6 +50,8 @@ def figures(
         draws["policy_value"] = partial(draw_policy, results)
     if "contact_m" in results["ranking"] and results["ranking"]["profiles"]:
         draws["selected_outcomes"] = partial(draw_selected, results)
+        if all(map(has_endings, results["ranking"]["profiles"])):
+            draws["selected_endings"] = partial(draw_endings, results)
     if results["guard"]["profiles"]:
         draws["guard"] = partial(draw_trade_off, results, alpha)
     with quiet():

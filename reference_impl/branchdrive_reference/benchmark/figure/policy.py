@@ -8,19 +8,21 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
+from branchdrive.benchmark.protocol.selection import CLEAN_ORACLE, ENSEMBLE, LEARNED, ORACLE
 from branchdrive_reference.benchmark.figure.canvas import HUES, INK, QUIET, axes_of, new_figure
 from branchdrive_reference.drawing.palette import Rgb
 
 __all__ = ["colour_of", "draw_policy", "label_of"]
 
 _NAMES = {"random": "Random", "nominal": "Nominal", "action_prior": "ActionPrior", "fixed_brake": "Fixed brake"}
-_NAMES |= {"oracle": "Oracle of the bank"}
+_NAMES |= {ORACLE: "Oracle of the bank", CLEAN_ORACLE: "Oracle of clean drives"}
 
 
 def colour_of(selector: str) -> str | Rgb:
     """Colour of a selector's marks: learned ones, the oracle, and others."""
-    return HUES[1] if selector.startswith((LEARNED, ENSEMBLE)) else INK if selector == "oracle" else HUES[0]
+    return (
+        HUES[1] if selector.startswith((LEARNED, ENSEMBLE)) else INK if selector in (ORACLE, CLEAN_ORACLE) else HUES[0]
+    )
 
 
 def draw_policy(results: Mapping[str, Any]) -> Figure | None:

@@ -12,7 +12,7 @@ from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive_reference.benchmark.figure.canvas import QUIET, axes_of, new_figure
 from branchdrive_reference.benchmark.figure.policy import colour_of, label_of
 
-__all__ = ["draw_selected"]
+__all__ = ["draw_selected", "panel", "percent_of"]
 
 
 def draw_selected(results: Mapping[str, Any]) -> Figure:
@@ -35,21 +35,21 @@ def draw_selected(results: Mapping[str, Any]) -> Figure:
     for column, profile in enumerate(profiles):
         entries = profile["entries"]
         contacts, separations, *losses = (panels[row * len(profiles) + column] for row in range(height))
-        _panel(contacts, entries, [_percent(entry["outcomes"]["contact"]) for entry in entries])
+        panel(contacts, entries, [percent_of(entry["outcomes"]["contact"]) for entry in entries])
         for place, entry in enumerate(entries):
             avoidable = 100 * entry["outcomes"]["avoidable_contact"]["value"]
             contacts.plot(avoidable, place, "o", color=colour_of(entry["selector"]), markersize=9, fillstyle="none")
         contacts.set(title=profile["profile"], xlabel="selections with contact, %")
         contacts.set_xlim(left=min(-1.0, -0.03 * contacts.get_xlim()[1]))
-        _panel(separations, entries, [_separation(entry) for entry in entries])
+        panel(separations, entries, [_separation(entry) for entry in entries])
         separations.set(xlabel="mean minimum separation, m")
         for axes in losses:
-            _panel(axes, entries, [_percent(_losses(entry)) for entry in entries])
+            panel(axes, entries, [percent_of(_losses(entry)) for entry in entries])
             axes.set(xlabel="separation worse beyond noise, %")
     return figure
 
 
-def _panel(
+def panel(
     axes: Axes, entries: Sequence[Mapping[str, Any]], found: Sequence[tuple[float | None, float | None, float | None]]
 ) -> None:
     """Values with the ends of their intervals, one line for each selector."""
@@ -67,7 +67,8 @@ def _panel(
     axes.grid(axis="x")
 
 
-def _percent(rate: Mapping[str, Any] | None) -> tuple[float | None, float | None, float | None]:
+def percent_of(rate: Mapping[str, Any] | None) -> tuple[float | None, float | None, float | None]:
+    """A rate with the ends of its interval in percent; ``None`` where it is not defined."""
     if rate is None:
         return None, None, None
     value, low, high = (None if rate[name] is None else 100 * rate[name] for name in ("value", "low", "high"))

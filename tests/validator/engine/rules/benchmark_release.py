@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from tests.content_cache import kept, remembered
 from tests.validator.benchmark.samples import GUARD, noise, paper_protocol, paths_of, risk_fit
-from tests.validator.engine.rules.release import BUILT, SPLIT, STEPS, ReleaseDraft, release_draft
+from tests.validator.engine.rules.release import BUILT, ENDINGS, SPLIT, STEPS, ReleaseDraft, release_draft
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
@@ -76,7 +76,8 @@ class BenchmarkDraft(ReleaseDraft):
     @property
     def data(self) -> BenchmarkData:
         bank = ActionBank.model_validate(self.descriptor["action_bank"])
-        return BenchmarkData.of({name: self.frame(name) for name in TABLES}, bank)
+        tables = (*TABLES, *([ENDINGS] if ENDINGS in self.tables["model"] else []))
+        return BenchmarkData.of({name: self.frame(name) for name in tables}, bank)
 
     @property
     def contexts(self) -> Contexts | None:
@@ -93,6 +94,12 @@ class BenchmarkDraft(ReleaseDraft):
         for name in names[names.index(start) :]:
             if name not in keep:
                 FOLLOWING[name](self)
+
+    def add_endings(self) -> None:
+        """Add what was recorded of whole drives, and evaluate under a lock of the release that has it."""
+        super().add_endings()
+        self.documents[LOCK]["release_identity"] = identity(self)
+        self.follow("lock")
 
     def add_latencies(self, **changes: Any) -> None:
         """Add latencies of the locked models, with the tables that show them; `changes` replace members."""

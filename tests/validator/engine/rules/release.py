@@ -27,7 +27,7 @@ from branchdrive.card.release_card import release_card
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import LAYERS, table_path, table_paths
 from branchdrive.contract.layout import CARD_FILE, FILTERING_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
@@ -54,7 +54,7 @@ from branchdrive.release.stage import BuildOptions, build_canonical, build_model
 from branchdrive.release.stage_work import StageWork
 from branchdrive.runtime.executor import in_process
 from branchdrive.tables.arrow import from_arrow, to_arrow
-from branchdrive.tables.frame import Frame, sort_rows
+from branchdrive.tables.frame import Frame, sort_rows, with_homes
 
 __all__ = [
     "BUILT", "LEAKAGE", "LEDGER", "POPULATION", "RETENTION", "SOURCE", "SPLIT", "STEPS", "THRESHOLDS", "VARIANTS",
@@ -65,6 +65,8 @@ SPLIT, THRESHOLDS, RETENTION, POPULATION, VARIANTS = (
     f"quality/{name}.json" for name in ("split", "thresholds", "retention", "population", "variants")
 )
 LEAKAGE = LEAKAGE_FILE
+
+ENDINGS = "endings"
 
 BUILT = ("canonical", "quality", "model")
 """Layers that the builder makes."""
@@ -92,10 +94,11 @@ def _made() -> Built:
     with tempfile.TemporaryDirectory() as folder:
         raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()).write(Path(folder) / "raw")
         with _work_on(scan_raw(Folder(raw), Spool(Path(folder)), in_process)) as work:
-            _build(work, BuildOptions(seed=SEED))
+            options = BuildOptions(seed=SEED)
+            _build(work, options)
             nobody = Unavailable("the tests train no network")
             build_leakage(work, Path(folder), seed=SEED, classifier=nobody)
-            build_model(work)
+            build_model(work, options)
             return Built(work.scan, dict(work.scan.rows), work.layers.documents, _arrow(work.layers))
 
 
@@ -116,7 +119,8 @@ def _build(work: StageWork, options: BuildOptions) -> None:
 
 
 def _arrow(layers: BuiltLayers) -> dict[str, synthetic.Tables]:
-    return {name: {table: to_arrow(table, layers.rows(table)) for table in LAYERS[name].tables} for name in BUILT}
+    there = {name: [table for table in LAYERS[name].tables if table_paths(table, layers.files)] for name in BUILT}
+    return {name: {table: to_arrow(table, layers.rows(table)) for table in tables} for name, tables in there.items()}
 
 
 class ReleaseDraft(Draft):
@@ -170,13 +174,21 @@ class ReleaseDraft(Draft):
     def rebuild(self, options: BuildOptions | None = None) -> None:
         """Build all derived layers again from the raw tables as they are now, but for the audit of leakage."""
         raw = Draft({folder: self.tables[folder] for folder in RELEASE_SHARDS}, synthetic_release.raw_descriptor())
+        options = options or BuildOptions(seed=SEED)
         with tempfile.TemporaryDirectory() as folder, Spool.temporary() as spool:
             scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), spool, in_process)
             with _work_on(scan) as work:
-                _build(work, options or BuildOptions(seed=SEED))
-                build_model(work)
+                _build(work, options)
+                build_model(work, options)
                 self.tables.update(_arrow(work.layers))
                 self.documents = work.layers.documents
+        self.reseal("card")
+
+    def add_endings(self) -> None:
+        """Add what was recorded of whole drives, with the card that tells it."""
+        frame = with_homes(built().rows[ENDINGS], dict(_homes(self)))
+        self.tables["model"][ENDINGS] = to_arrow(ENDINGS, frame)
+        self.sort(ENDINGS)
         self.reseal("card")
 
     def add_filtering(self) -> dict[str, Any]:
@@ -196,6 +208,11 @@ class ReleaseDraft(Draft):
         if self.raw is not None and beside is not None:
             self.raw.write(beside)
         return super().write(root)
+
+
+def _homes(d: ReleaseDraft) -> Iterator[tuple[str, str]]:
+    contexts = d.frame("contexts")
+    return zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True)
 
 
 def _source(d: ReleaseDraft) -> None:
@@ -270,16 +287,18 @@ def _model(d: ReleaseDraft) -> None:
         with _work_on(replace(built().scan, spool=spool, parts=(part,))) as work:
             for name in ("group_quality", "records"):
                 work.layers.put_tables([name], work.store.put(name, d.frame(name), 0))
-            build_model(work)
+            build_model(work, BuildOptions(endings=ENDINGS in d.tables["model"]))
             for name in LAYERS["model"].tables:
-                d.put(name, work.layers.rows(name))
+                if table_paths(name, work.layers.files):
+                    d.put(name, work.layers.rows(name))
             d.documents.update(work.layers.documents)
     d.documents["model/normalisation.json"]["split_digest"] = d.documents[SPLIT]["digest"]
 
 
 def _card(d: ReleaseDraft) -> None:
     descriptor = Descriptor.model_validate(d.descriptor)
-    d.texts[CARD_FILE] = release_card(descriptor, d.documents)
+    tables = [table_path(ENDINGS, "test")] if ENDINGS in d.tables.get("model", {}) else []
+    d.texts[CARD_FILE] = release_card(descriptor, d.documents, tables)
     d.texts[LICENCE_FILE] = render_licence(descriptor.licence)
 
 

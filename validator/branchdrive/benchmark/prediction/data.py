@@ -12,20 +12,25 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from branchdrive.benchmark.prediction.metric.ending import EVENTS, Endings
 from branchdrive.benchmark.prediction.metric.outcome import Outcomes
 from branchdrive.contract.bank import ActionBank
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError
-from branchdrive.model.arrays import pack_scalars, pack_trajectories
+from branchdrive.model.arrays import pack_column, pack_scalars, pack_trajectories
 from branchdrive.tables.frame import Frame
 
-__all__ = ["TABLES", "BenchmarkData", "Part", "groups_digest"]
+__all__ = ["ENDINGS", "TABLES", "BenchmarkData", "Part", "groups_digest"]
 
 TABLES = ("contexts", "scalars", "trajectories")
 """Tables of the model layer that a benchmark reads."""
+
+ENDINGS = "endings"
+"""Table that it reads too where the layer has it."""
 
 BRAKE = "brake"
 """Family of the candidates among which the fixed brake is chosen."""
@@ -39,11 +44,13 @@ class Part:
         groups: Ids of its groups, sorted, ``[N]``.
         clusters: Route cluster of every group, ``[N]``.
         outcomes: What was recorded.
+        endings: What was recorded of whole drives; ``None`` where the layer does without.
     """
 
     groups: tuple[str, ...]
     clusters: tuple[str, ...]
     outcomes: Outcomes
+    endings: Endings | None = None
 
     @cached_property
     def targets(self) -> Targets:
@@ -73,7 +80,7 @@ class BenchmarkData:
 
     @classmethod
     def of(cls, frames: Mapping[str, Frame], bank: ActionBank) -> BenchmarkData:
-        """Data of the frames of the tables `TABLES` of a model layer.
+        """Data of the frames of the tables `TABLES` of a model layer, and of `ENDINGS` where it has that.
 
         Raises:
             DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is not a number.
@@ -91,6 +98,7 @@ class BenchmarkData:
         groups = tuple(about)
         scalars = pack_scalars(frames["scalars"], groups, bank.keys)
         paths = pack_trajectories(frames["trajectories"], groups, bank.keys)
+        endings = _endings(frames[ENDINGS], groups, bank.keys) if ENDINGS in frames else None
         parts = {}
         for name in sorted({partition for partition, _ in about.values()}):
             rows_of = np.array([i for i, group in enumerate(groups) if about[group][0] == name], np.int64)
@@ -99,7 +107,8 @@ class BenchmarkData:
                 outcomes = Outcomes.of(scalars.values[rows_of], scalars.available[rows_of], paths.values[rows_of])
             except ValueError as error:
                 raise DatasetError(f"outcomes of the partition {name!r}: {error}") from error
-            parts[name] = Part(members, tuple(about[group][1] for group in members), outcomes)
+            clusters = tuple(about[group][1] for group in members)
+            parts[name] = Part(members, clusters, outcomes, None if endings is None else endings.take(rows_of))
         return cls(
             parts,
             bank.keys,
@@ -119,6 +128,19 @@ class BenchmarkData:
 
     def __repr__(self) -> str:
         return f"BenchmarkData({dict(self.parts)!r}, {len(self.candidates)} candidates)"
+
+
+def _endings(frame: Frame, groups: Sequence[str], candidates: Sequence[str]) -> Endings:
+    def packed(column: str) -> np.ma.MaskedArray[Any, Any]:
+        return pack_column(frame, ENDINGS, column, groups, candidates)
+
+    events = np.ma.stack([packed(event) for event in EVENTS], axis=-1)
+    monitored = ~np.ma.getmaskarray(events)
+    fraction = np.ma.getdata(packed("route_fraction")).astype(np.float64)
+    if not np.isfinite(fraction).all():
+        raise DatasetError(f"table `{ENDINGS}`: a `route_fraction` is not a finite number")
+    happened = np.ma.getdata(events).astype(bool) & monitored
+    return Endings(happened, monitored, np.ma.getdata(packed("completed")).astype(bool), fraction)
 
 
 def groups_digest(groups: Sequence[str]) -> str:

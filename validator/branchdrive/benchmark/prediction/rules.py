@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from branchdrive.benchmark.prediction.check import prediction_mismatches
-from branchdrive.benchmark.prediction.data import TABLES, BenchmarkData
+from branchdrive.benchmark.prediction.data import ENDINGS, TABLES, BenchmarkData
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES as PREDICTED
 from branchdrive.benchmark.protocol.rules import protocol_of
@@ -25,7 +25,8 @@ def data_of(view: ReleaseView) -> BenchmarkData:
         PreconditionError: The model layer cannot be packed.
     """
     try:
-        return BenchmarkData.of({name: view.frame(name) for name in TABLES}, view.descriptor.action_bank)
+        tables = (*TABLES, *([ENDINGS] if view.has(ENDINGS) else []))
+        return BenchmarkData.of({name: view.frame(name) for name in tables}, view.descriptor.action_bank)
     except DatasetError as error:
         raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 

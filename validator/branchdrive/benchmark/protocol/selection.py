@@ -14,7 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from branchdrive.contract.document import Integer
 
 __all__ = [
-    "ENSEMBLE", "FIXED", "LEARNED", "MEAN", "Baseline", "Neighbours", "Prior", "ProtocolPart", "Ridge", "Selection",
+    "CLEAN_ORACLE", "ENSEMBLE", "FIXED", "LEARNED", "MEAN", "ORACLE", "Baseline", "Neighbours", "Prior", "ProtocolPart",
+    "Ridge", "Selection",
 ]  # fmt: skip
 
 FIXED = ("random", "nominal", "action_prior", "fixed_brake")
@@ -29,7 +30,13 @@ ENSEMBLE = "E-"
 MEAN = "M0"
 """The model of the protocols that learns no weights and looks at nothing: the mean over all training rows."""
 
-_RESERVED = (*FIXED, "oracle")
+ORACLE = "oracle"
+"""The selector of the best executed utility."""
+
+CLEAN_ORACLE = "oracle_clean"
+"""The selector of the best executed utility among drives that are clean to their end, and among all where none is."""
+
+_RESERVED = (*FIXED, ORACLE, CLEAN_ORACLE)
 
 
 class ProtocolPart(BaseModel):

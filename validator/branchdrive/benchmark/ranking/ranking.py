@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
+from branchdrive.benchmark.protocol.selection import CLEAN_ORACLE, ENSEMBLE, LEARNED, ORACLE
 from branchdrive.benchmark.ranking.measure import (
     Measures,
     Selector,
@@ -59,6 +59,10 @@ Mask = NDArray[np.bool_]
 
 SEPARATION = [target.name for target in TARGETS].index("min_separation_m")
 """Place of the minimum separation on the axis of targets."""
+
+
+_CLEAN_FIRST = 2.0
+"""More than utilities, which are at most 1, can differ."""
 
 
 class Population(NamedTuple):
@@ -110,7 +114,7 @@ class Ranking(NamedTuple):
         utilities: Executed utilities ``[ranked groups, candidates]``.
         num_without_range: Groups whose utilities are all equal.
         entries: Selectors by name: ``random``, ``nominal``, ``action_prior``, ``fixed_brake``, baselines, ``O-`` and
-            the name of a model, ``E-`` and the name of a model, ``oracle``.
+            the name of a model, ``E-`` and the name of a model, ``oracle``, and `CLEAN_ORACLE` where ends are known.
     """
 
     population: Population
@@ -137,6 +141,7 @@ def rank(
     fixed_brake: int | None = None,
     baselines: Mapping[str, Array] | None = None,
     ensembles: bool = False,
+    clean: Mask | None = None,
 ) -> Ranking:
     """Rank the candidates of every group by every selector.
 
@@ -150,6 +155,8 @@ def rank(
         fixed_brake: Brake candidate chosen on validation; `None` for a bank without one.
         baselines: Utilities that baselines estimate ``[groups, candidates]``, by name.
         ensembles: Whether the mean prediction of a model of several seeds selects too.
+        clean: Drives that are known to be clean to their end ``[groups, candidates]``; with them selects
+            `CLEAN_ORACLE` too, the oracle among clean drives.
 
     Raises:
         ValueError: Shapes do not match, a prediction is not finite, or no group can be ranked.
@@ -180,7 +187,9 @@ def rank(
             mean = predicted_utility(scalars.mean(axis=0), scale, profile)[who.ranked]
             selectors[ENSEMBLE + model] = [by_score(mean)]
     oracle = by_score(utilities)
-    selectors["oracle"] = [oracle]
+    selectors[ORACLE] = [oracle]
+    if clean is not None:
+        selectors[CLEAN_ORACLE] = [by_score(utilities + _CLEAN_FIRST * clean[who.ranked])]
     best = measures(oracle, utilities, nominal=nominal)
     separation = outcomes.values[who.ranked, :, SEPARATION]
     entries = {

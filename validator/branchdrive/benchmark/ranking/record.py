@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.prediction.inputs import ResultInputs
+from branchdrive.benchmark.prediction.metric.ending import Endings
 from branchdrive.benchmark.prediction.metric.table import Interval, compare, paired_difference
 from branchdrive.benchmark.prediction.record import (
     comparison_record,
@@ -24,10 +25,11 @@ from branchdrive.benchmark.prediction.record import (
     interval_record,
 )
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, Member
-from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
+from branchdrive.benchmark.protocol.selection import CLEAN_ORACLE, ENSEMBLE, LEARNED, ORACLE
 from branchdrive.benchmark.protocol.undeclared import undeclared_rankings
 from branchdrive.benchmark.ranking.baseline import estimate, is_seen
 from branchdrive.benchmark.ranking.context import Contexts
+from branchdrive.benchmark.ranking.ending import ending_record, selected_endings
 from branchdrive.benchmark.ranking.measure import Measures, best_fixed
 from branchdrive.benchmark.ranking.noise import OutcomeNoise
 from branchdrive.benchmark.ranking.ranking import Entry, Gate, Ranking, rank
@@ -49,6 +51,7 @@ HELD = ("value", "regret")
 """Measures in which learned selectors are held against references."""
 
 _NOTHING, _OUTCOMES = "nothing", "outcomes"
+_ORACLES = (ORACLE, CLEAN_ORACLE)
 
 
 def action_prior(inputs: ResultInputs, profile: str) -> int:
@@ -64,6 +67,8 @@ def ranking_results(
     inputs: ResultInputs, contexts: Contexts | None = None, noise: OutcomeNoise | None = None
 ) -> dict[str, Any]:
     """The section ``ranking``; outcomes of selections are in it where the protocol declares them.
+
+    They tell how drives end where the model layer does.
 
     Raises:
         DatasetError: Baselines are declared, and what they see is not given.
@@ -90,6 +95,10 @@ def ranking_results(
         ]
         for record, entry in zip(entries, ranking.entries.values(), strict=True):
             record |= _outcomes_record(inputs, record["selector"], entry, ranking, noise)
+        if (endings := _endings(inputs)) is not None:
+            about["num_with_clean"] = int(endings.take(ranking.population.ranked).is_clean.any(axis=1).sum())
+            for record, ends in zip(entries, _ending_records(inputs, endings, ranking), strict=True):
+                record["outcomes"]["endings"] = ends
         profiles.append({"profile": name, **about, "entries": entries})
     families = protocol.of_kind("ranking")
     # Every profile ranks the same selectors.
@@ -168,6 +177,7 @@ def _ranked(inputs: ResultInputs, name: str, contexts: Contexts | None) -> tuple
             if contexts is not None and is_seen(baseline, contexts)
         },
         ensembles=protocol.selection is not None and protocol.selection.ensembles,
+        clean=None if (endings := _endings(inputs)) is None else endings.is_clean,
     )
     who = ranking.population
     return ranking, {
@@ -221,6 +231,24 @@ def _outcomes_record(
     return {"outcomes": selected_record(found)}
 
 
+def _endings(inputs: ResultInputs) -> Endings | None:
+    """Endings of the reported groups; ``None`` where they are not there, or the protocol declares no outcomes."""
+    return None if inputs.protocol.outcomes is None else inputs.reported.endings
+
+
+def _ending_records(inputs: ResultInputs, endings: Endings, ranking: Ranking) -> list[dict[str, Any]]:
+    """How the drives of every selector's candidates end, in the order of the entries."""
+    found = selected_endings(
+        endings,
+        {name: entry.shares for name, entry in ranking.entries.items()},
+        ranking.population.ranked,
+        inputs.resampling,
+        nominal=inputs.data.nominal,
+        seed=inputs.seed,
+    )
+    return [ending_record(ends) for ends in found.values()]
+
+
 def _added_records(protocol: BenchmarkProtocol, ranking: Ranking, clusters: Sequence[str]) -> dict[str, dict[str, Any]]:
     """What a protocol with a `selection` has of every selector besides; nothing under another."""
     if protocol.selection is None:
@@ -239,7 +267,7 @@ def _sees(protocol: BenchmarkProtocol, selector: str) -> str | None:
         model = protocol.model(selector.removeprefix(LEARNED).removeprefix(ENSEMBLE))
         return None if model is None else f"{model.contract} inputs"
     sees = {baseline.name: baseline.sees for baseline in protocol.baselines}
-    return sees.get(selector, _OUTCOMES if selector == "oracle" else _NOTHING)
+    return sees.get(selector, _OUTCOMES if selector in _ORACLES else _NOTHING)
 
 
 def _gate_records(

@@ -36,7 +36,7 @@ from branchdrive.statistics.bca import intervals
 from branchdrive.statistics.bootstrap import Design, ratio_of_sums
 from branchdrive.statistics.rounding import number
 
-__all__ = ["Rate", "SelectedOutcomes", "selected_outcomes", "selected_record"]
+__all__ = ["Rate", "SelectedOutcomes", "rate", "selected_outcomes", "selected_record"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -109,8 +109,8 @@ def selected_outcomes(
         1.0 - (shares[..., None] * ~there).sum(axis=(0, 1)) / len(shares),
         tuple(Interval.of(ends, t) for t in range(len(TARGETS))),
         _worse(values, there, weights, nominal, tolerance, place_of, has_interval=not is_nominal),
-        _rate(contact, everyone, place_of),
-        _rate(contact * ~touches.all(axis=1), everyone, place_of),
+        rate(contact, everyone, place_of),
+        rate(contact * ~touches.all(axis=1), everyone, place_of),
     )
 
 
@@ -130,11 +130,19 @@ def _worse(
     compared = weights * there[:, nominal, None]
     events = compared * worse_beyond(values - values[:, nominal, None], tolerance)
     both = zip(events.sum(axis=1).T, compared.sum(axis=1).T, strict=True)
-    rates = [_rate(*terms, place_of, has_interval=has_interval) for terms in both]
-    return tuple(rate if np.isfinite(noise) else None for rate, noise in zip(rates, tolerance, strict=True))
+    rates = [rate(*terms, place_of, has_interval=has_interval) for terms in both]
+    return tuple(found if np.isfinite(noise) else None for found, noise in zip(rates, tolerance, strict=True))
 
 
-def _rate(events: Array, weights: Array, place_of: NDArray[np.int64], *, has_interval: bool = True) -> Rate:
+def rate(events: Array, weights: Array, place_of: NDArray[np.int64], *, has_interval: bool = True) -> Rate:
+    """Share of the weights that is of events, with the interval of a rate; shares of a choice are parts of an event.
+
+    Args:
+        events: Weight of the events ``[groups]``, at most that of the group.
+        weights: ``[groups]``, at least 0.
+        place_of: Cluster of every group ``[groups]``, counted from 0.
+        has_interval: Whether the value does not follow from what a selection is.
+    """
     if not (weights > 0).any():
         return Rate(None, None, None)
     value = float(events.sum() / weights.sum())

@@ -13,6 +13,7 @@ from branchdrive.benchmark.cell import (
 )
 from branchdrive.benchmark.prediction.comparison import JUDGED_BY_CLUSTERS, comparison_table
 from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED, MEAN
+from branchdrive.benchmark.ranking.ending_table import ending_tables
 from branchdrive.benchmark.ranking.selected_table import is_privileged, selected_tables
 from branchdrive.contract.text import NONE
 from branchdrive.statistics.sign_flip import p_text
@@ -60,7 +61,11 @@ def ranking_sections(results: Document) -> list[Table | Passage]:
         *(
             table
             for profile in ranking["profiles"]
-            for table in (*_profile_tables(profile, ranking), *selected_tables(profile, results))
+            for table in (
+                *_profile_tables(profile, ranking),
+                *selected_tables(profile, results),
+                *ending_tables(profile),
+            )
         ),
         *(
             Passage(f"Ranking, profile {out['profile']}", [f"Not judged: {out['reason']}."])

@@ -42,6 +42,7 @@ from branchdrive.tables.frame import Frame, align, num_rows, take, with_homes
 
 FEATURES = "model/features.json"
 NORMALISATION = "model/normalisation.json"
+ENDINGS = "endings"
 
 
 def _contexts(view: ReleaseView) -> Frame:
@@ -76,7 +77,7 @@ def rows_name_the_partition_of_their_group(view: ReleaseView) -> Iterator[Check]
     """The partition of every row is the one that the split gives its group; that of contexts is BD-MOD-002's."""
     homes = _assignment(view)
     for name, table in LAYERS["model"].tables.items():
-        if table.partitions and name != "contexts":
+        if table.partitions and name != "contexts" and (view.has(name) or not table.optional):
             frame = view.frame(name)
             expected = with_homes({"group_id": frame["group_id"], "row": np.arange(num_rows(frame))}, homes)
             left, right = np.arange(num_rows(expected)), np.ma.getdata(expected["row"])
@@ -119,7 +120,7 @@ def candidates_are_complete(view: ReleaseView) -> Iterator[Check]:
         "group_id": [*context_groups(view)],
         "action_key": [*view.descriptor.action_bank.keys],
     }
-    for table in ("candidates", "scalars"):
+    for table in ("candidates", "scalars", *([ENDINGS] if view.has(ENDINGS) else [])):
         yield from _complete(view, table, axes)
     yield from _complete(view, "trajectories", {**axes, "step": [*range(1, FUTURE_OBSERVATIONS + 1)]})
 
@@ -276,6 +277,13 @@ def target_masks_recompute(view: ReleaseView) -> Iterator[Check]:
 def trajectories_recompute(view: ReleaseView) -> Iterator[Check]:
     """Ten steps in the frame of the rollout's own branch pose; recorded speeds to the bit."""
     yield from columns_agree(view, "trajectories", TRAJECTORY, exact=("speed_mps",))
+
+
+@rule("BD-MOD-022")
+def endings_recompute(view: ReleaseView) -> Iterator[Check]:
+    """What was recorded of whole drives, masks included, to the bit; a release may do without."""
+    if view.has(ENDINGS):
+        yield from columns_agree(view, ENDINGS, _values(ENDINGS), exact=_values(ENDINGS))
 
 
 @rule("BD-MOD-015")

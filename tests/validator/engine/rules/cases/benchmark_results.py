@@ -18,9 +18,12 @@ from tests.validator.engine.rules.benchmark_release import (
 from tests.validator.engine.rules.case import boundary, mutant
 
 from branchdrive.benchmark.guard.calibration import GUARANTEE
+from branchdrive.benchmark.prediction.metric.table import Interval
+from branchdrive.benchmark.prediction.record import interval_record
 from branchdrive.benchmark.prediction.rows import TABLES
 from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.benchmark.protocol.selection import Neighbours, Prior, Ridge, Selection
+from branchdrive.benchmark.ranking.ending import COMPARED, RATES
 from branchdrive.benchmark.warning import warnings
 from branchdrive.tables.frame import concat, take
 
@@ -31,6 +34,15 @@ from branchdrive.tables.frame import concat, take
 def results_with_other_last_bits(d: BenchmarkDraft) -> None:
     d.documents[RESULTS]["prediction"]["estimates"][0]["value"] *= 1 + 1e-12
     d.follow("tables")
+
+
+_UNKNOWN = {"value": None, "low": None, "high": None}
+_NO_ENDINGS = {
+    **dict.fromkeys(RATES, _UNKNOWN), "known": 0.0, "to_nominal": dict.fromkeys(COMPARED, _UNKNOWN),
+    "route_fraction": {
+        "mean": None, "interval": interval_record(Interval(*(np.nan,) * 4, 0, np.nan, np.nan, 0)),
+    },
+}  # fmt: skip
 
 
 def declare_outcomes(d: BenchmarkDraft) -> None:
@@ -46,6 +58,17 @@ def declare_outcomes(d: BenchmarkDraft) -> None:
 @boundary("BD-BMK-001", "BD-BMK-012", "BD-BMK-013")
 def outcomes_of_selections_are_declared(d: BenchmarkDraft) -> None:
     declare_outcomes(d)
+
+
+@boundary("BD-BMK-012", "BD-BMK-013", "BD-BMK-002", "BD-REL-003")
+def endings_of_selections(d: BenchmarkDraft) -> None:
+    declare_outcomes(d)
+    d.add_endings()
+
+
+@boundary("BD-BMK-012", "BD-BMK-013")
+def endings_that_no_protocol_asks_for(d: BenchmarkDraft) -> None:
+    d.add_endings()
 
 
 def _declare_baselines(d: BenchmarkDraft) -> None:
@@ -160,6 +183,35 @@ def fewer_contacts_than_were_recorded(d: BenchmarkDraft) -> None:
     d.follow("tables")
 
 
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/8/outcomes/endings/collision/high"})
+def fewer_collisions_than_drives_allow_for(d: BenchmarkDraft) -> None:
+    endings_of_selections(d)
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][8]["outcomes"]["endings"]["collision"]["high"] -= 0.05
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/num_with_clean"})
+def more_groups_with_a_clean_drive(d: BenchmarkDraft) -> None:
+    endings_of_selections(d)
+    d.documents[RESULTS]["ranking"]["profiles"][0]["num_with_clean"] += 1
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS})
+def oracle_of_clean_drives_left_out(d: BenchmarkDraft) -> None:
+    endings_of_selections(d)
+    for profile in d.documents[RESULTS]["ranking"]["profiles"][:1]:
+        profile["entries"] = [entry for entry in profile["entries"] if entry["selector"] != "oracle_clean"]
+    d.follow("tables")
+
+
+@mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/0/outcomes/endings"})
+def endings_that_the_release_does_not_tell(d: BenchmarkDraft) -> None:
+    declare_outcomes(d)
+    d.documents[RESULTS]["ranking"]["profiles"][0]["entries"][0]["outcomes"]["endings"] = _NO_ENDINGS
+    d.follow("tables")
+
+
 @mutant("BD-BMK-012", at={"file": RESULTS, "pointer": "/ranking/profiles/0/entries/4/regret"})
 def baseline_that_is_worse_than_it_is(d: BenchmarkDraft) -> None:
     _declare_baselines(d)
@@ -192,6 +244,12 @@ def tables_that_flatter(d: BenchmarkDraft) -> None:
     text = d.texts[TABLES_FILE]
     line = next(line for line in text.split("\n") if line.startswith("| M3 "))
     d.texts[TABLES_FILE] = text.replace(line, line.replace("0.", "0.0", 1), 1)
+
+
+@mutant("BD-BMK-013", at={"file": TABLES_FILE})
+def tables_that_call_drives_safe(d: BenchmarkDraft) -> None:
+    endings_of_selections(d)
+    d.texts[TABLES_FILE] = d.texts[TABLES_FILE].replace("nothing here is called safe", "the drives are safe")
 
 
 @mutant("BD-BMK-013", at={"file": TABLES_FILE})

@@ -12,7 +12,18 @@ from tests.validator.engine.rules.benchmark_release import (
 )
 from tests.validator.engine.rules.case import mutant
 from tests.validator.engine.rules.cases.model_inputs import TEST
-from tests.validator.engine.rules.release import ReleaseDraft
+from tests.validator.engine.rules.release import ENDINGS, ReleaseDraft
+
+from branchdrive.contract.layer import table_path
+
+# BD-LYR-001
+
+
+@mutant("BD-LYR-001", at={"file": table_path(ENDINGS, "val")})
+def endings_without_those_of_a_partition(d: ReleaseDraft) -> None:
+    d.add_endings()
+    d.before_seal(lambda root: (root / table_path(ENDINGS, "val")).unlink())
+
 
 # BD-LYR-005
 
