@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from branchdrive.contract.policy import ActuatorRule, Command, Policy
     from branchdrive.driving.feature import InputContract
     from branchdrive.driving.risk import risk_evidence
+    from branchdrive.engine.cache import Cache
     from branchdrive.engine.finding import Finding
     from branchdrive.engine.report import Report
     from branchdrive.engine.rollout import check_rollout
@@ -68,6 +69,7 @@ __all__ = [
     "ActuatorRule",
     "BranchDriveError",
     "BranchGroup",
+    "Cache",
     "CameraFrames",
     "CameraWorld",
     "Collection",
@@ -144,6 +146,7 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "raw.group",
+    "Cache": "engine.cache",
     "CameraFrames": "raw.media.camera_frames",
     "CameraWorld": "collector.world",
     "Collection": "contract.descriptor",
