@@ -6,7 +6,8 @@ Each has a member `op` and the `file` or `path` that it changes, relative to the
                     [start, stop, file] takes rows of another table as the base has it
     sort            `by`: columns in whose ascending order the rows are put; rows that are alike there stay in theirs
     set             `column`, which rows, and `value` for all of them, `values` for each, `from`: ranges of rows whose
-                    cells they get, or `of`: another column whose cells they get, those of `from` where it is there
+                    cells they get, or `of`: another column whose cells they get, those of `from` where it is there;
+                    or, of several columns, which rows and `cells`: what each column has in all of them
     scale           `column`, which rows, `by`: values times a number
     shift           `column`, which rows, `by`: values plus a number
     drop_column     `column`

@@ -158,6 +158,11 @@ def apply_to_table(operation: Operation, table: pa.Table, table_of: TableOf) -> 
 
 
 def _apply_to_column(operation: Operation, table: pa.Table) -> pa.Table:
+    if "cells" in operation:
+        which = {name: operation[name] for name in ("op", "rows", "where") if name in operation}
+        for name, value in operation["cells"].items():
+            table = _apply_to_column({**which, "column": name, "value": value}, table)
+        return table
     name = operation["column"]
     if operation["op"] == "add_column":
         kind = _type(operation["type"])

@@ -113,6 +113,7 @@ def test_a_recipe_stays_inside_its_dataset(path: str, tmp_path: Path) -> None:
         {"op": "rows", "keep": [[90, 101]]},
         {"op": "set", "column": "speed", "rows": [[0, 2]], "values": [1.0]},
         {"op": "set", "column": "none", "rows": [[0, 1]], "value": 1.0},
+        {"op": "set", "rows": [[0, 1]], "cells": {"speed": 1.0, "none": 1.0}},
         {"op": "set", "column": "speed", "where": {"rollout_id": "r0", "tick": 20}, "value": 1.0},
         {"op": "unknown"},
     ],
@@ -236,6 +237,22 @@ def test_cells_of_another_column_in_the_same_rows_are_one_operation(tmp_path: Pa
         for values in (x, np.where((np.arange(90) >= 10) & (np.arange(90) < 80), y, x))
     )
     assert operations(tmp_path, before, after) == [{"op": "set", "file": FILE, "column": "x", "rows": ANY, "of": "y"}]
+
+
+def test_columns_that_change_in_the_same_rows_are_one_operation(tmp_path: Path) -> None:
+    numbers = np.arange(90.0)
+    is_meant = (numbers >= 10) & (numbers < 12)
+    columns = {
+        "x": np.where(is_meant, 2.5, numbers),
+        "y": np.where(is_meant, np.nan, numbers),
+        "z": np.where(numbers == 3, 0.5, numbers),
+    }
+    before = {FILE: encode_table(pa.table({"tick": range(90), **dict.fromkeys(columns, numbers)}))}
+    after = {FILE: encode_table(pa.table({"tick": range(90), **columns}))}
+    assert operations(tmp_path, before, after) == [
+        {"op": "set", "file": FILE, "rows": [[10, 12]], "cells": {"x": 2.5, "y": "NaN"}},
+        {"op": "set", "file": FILE, "column": "z", "rows": [[3, 4]], "value": 0.5},
+    ]
 
 
 def _of_attempts(x: Any) -> dict[str, bytes]:

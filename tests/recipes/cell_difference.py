@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-__all__ = ["cell_operations", "cell_values", "equal_columns", "extend", "length"]
+__all__ = ["cell_operations", "cell_values", "equal_columns", "extend", "joined", "length"]
 
 _MIN_ALIKE = 50
 """Cells from which on a change that all of them share is looked for."""
@@ -52,6 +53,25 @@ def equal_columns(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
 def length(operations: Sequence[Mapping[str, Any]]) -> int:
     """Characters of operations as a case writes them."""
     return len(json.dumps(operations))
+
+
+def joined(operations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Operations of which those in a row that give columns one cell each, in the same rows, are one."""
+    found: list[dict[str, Any]] = []
+    for is_cells, run in groupby(operations, lambda one: one["op"] == "set" and "value" in one):
+        if not is_cells:
+            found += map(dict, run)
+            continue
+        alike: dict[str, list[Mapping[str, Any]]] = {}
+        for one in run:
+            alike.setdefault(json.dumps([one.get("rows"), one.get("where")]), []).append(one)
+        for first, *others in alike.values():
+            if not others:
+                found.append(dict(first))
+                continue
+            which = {name: first[name] for name in ("op", "rows", "where") if name in first}
+            found.append({**which, "cells": {one["column"]: one["value"] for one in (first, *others)}})
+    return found
 
 
 def _ranges(rows: Sequence[int]) -> list[list[int]]:

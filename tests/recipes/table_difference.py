@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from tests.recipes.cell_difference import cell_operations, cell_values, equal_columns, extend, length
+from tests.recipes.cell_difference import cell_operations, cell_values, equal_columns, extend, joined, length
 
 from branchdrive.contract.columns import LAYER_TABLES, TABLES
 from branchdrive_conformance.table_operation import DICTIONARY, apply_to_table, encoded, read_table
@@ -94,7 +94,7 @@ def table_operations(path: str, old: bytes, new: bytes, alike: TablesAlike) -> l
         return None
     if settings is not None:
         found.append({"op": "written", "settings": settings})
-    return [{"op": operation.pop("op"), "file": path, **operation} for operation in found]
+    return [{"op": operation.pop("op"), "file": path, **operation} for operation in joined(found)]
 
 
 def _cheapest(

@@ -59,7 +59,7 @@ def edited_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "schemas", tmp_path / "schemas")
     shutil.copytree(ROOT / "docs" / "rules", tmp_path / "docs" / "rules")
     chapter = tmp_path / "spec" / "09-security.md"
-    chapter.write_text(chapter.read_text("utf-8").replace("200,000", "300,000"), "utf-8")
+    chapter.write_text(chapter.read_text("utf-8").replace("400,000", "300,000"), "utf-8")
     schemas = tmp_path / "schemas" / f"v{SPEC_VERSION}"
     (schemas / "rollout.schema.json").unlink()
     monkeypatch.setattr("branchdrive.contract.generate.schema_dir", lambda: schemas)

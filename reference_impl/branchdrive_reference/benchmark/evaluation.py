@@ -28,6 +28,7 @@ from branchdrive.benchmark.prediction.description import describe, described_che
 from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.protocol.selection import MEAN
 from branchdrive.benchmark.ranking.noise import OutcomeNoise
 from branchdrive.benchmark.ranking.noise import noise_of as stored_noise
 from branchdrive.benchmark.results import results_document
@@ -155,12 +156,12 @@ def evaluate_foreign(
 
 
 def _description(release: Release, data: BenchmarkData, lock: Any | None) -> dict[str, Any]:
-    """What is counted of the population, and of the models that `lock` names."""
+    """What is counted of the population, and of the models that `lock` names; without one, of the mean."""
     contents = {
         model: release.content(f"{BENCHMARK}/{file}")
         for model, file in ({} if lock is None else described_checkpoints(lock)).items()
     }
-    parameters = {model: num_parameters(content, len(content)) for model, content in contents.items()}
+    parameters = {model: num_parameters(content, len(content)) for model, content in contents.items()} or {MEAN: 0}
     return describe(from_arrow(read_layer_table(release.layer.folder, "contexts"), "contexts"), data, parameters)
 
 

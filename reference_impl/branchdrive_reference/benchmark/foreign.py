@@ -28,6 +28,7 @@ from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.benchmark.protocol.selection import MEAN
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
@@ -40,9 +41,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = ["mean_predictions", "read_predictions"]
-
-_MEAN = "M0"
-"""The model of every protocol that learns no weights: the mean over all training rows."""
 
 _SCALARS = tuple(target.name for target in TARGETS)
 _TEXT, _SEED = ("group_id", "action_key"), "seed"
@@ -83,7 +81,7 @@ def mean_predictions(data: BenchmarkData, protocol: BenchmarkProtocol) -> Predic
     predicted = Predictions.of(
         np.broadcast_to(scalars, (*shape, *scalars.shape)), np.broadcast_to(path, (*shape, *path.shape))
     )
-    return PredictionSet({_MEAN: {0: {report: predicted}}})
+    return PredictionSet({MEAN: {0: {report: predicted}}})
 
 
 def _frames(table: pa.Table, name: str) -> dict[str, dict[str, Values]]:
@@ -107,9 +105,10 @@ def _texts(table: pa.Table, column: str) -> Values:
     import pyarrow as pa
 
     values = table.column(column)
+    _check_nulls(values, column)
     kind = values.type.value_type if pa.types.is_dictionary(values.type) else values.type
-    if not pa.types.is_string(kind) or values.null_count:
-        raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected text")
+    if not pa.types.is_string(kind):
+        raise DatasetError(f"column {column!r} is {values.type}, expected text")
     return np.array(values.to_pylist(), object)
 
 
@@ -119,19 +118,31 @@ def _seeds(table: pa.Table) -> Values:
     if _SEED not in table.column_names:
         return np.zeros(table.num_rows, np.int64)
     values = table.column(_SEED)
-    if not pa.types.is_integer(values.type) or values.null_count:
-        raise DatasetError(f"column {_SEED!r} is {values.type} with {values.null_count} nulls, expected integers")
+    _check_nulls(values, _SEED)
+    if not pa.types.is_integer(values.type):
+        raise DatasetError(f"column {_SEED!r} is {values.type}, expected integers")
     seeds = np.asarray(values.to_numpy())
     for seed in seeds[(seeds < 0) | (seeds > np.iinfo(np.int64).max)][:1].tolist():
         raise DatasetError(f"column {_SEED!r} holds {seed}, expected integers from 0 to {np.iinfo(np.int64).max}")
     return seeds.astype(np.int64)
 
 
-def _numbers(values: Any, column: str) -> Values:
+def _check_nulls(values: Any, column: str, per_row: int = 1) -> None:
+    """Raises where a value is null, which is what NaN becomes when pandas writes Parquet; rows count from 0."""
+    if values.null_count:
+        row = values.is_null().to_pylist().index(True) // per_row
+        raise DatasetError(
+            f"column {column!r} has no value in row {row}, counted from 0, {values.null_count} in all; expected no "
+            "nulls (pandas writes NaN as null)"
+        )
+
+
+def _numbers(values: Any, column: str, per_row: int = 1) -> Values:
     import pyarrow as pa
 
-    if not pa.types.is_floating(values.type) or values.null_count:
-        raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected floats")
+    _check_nulls(values, column, per_row)
+    if not pa.types.is_floating(values.type):
+        raise DatasetError(f"column {column!r} is {values.type}, expected floats")
     return np.asarray(values.to_numpy(zero_copy_only=False), np.float64)
 
 
@@ -142,8 +153,9 @@ def _lists(table: pa.Table, column: str) -> Values:
     values = table.column(column).combine_chunks()
     if pa.types.is_fixed_size_list(values.type):
         values = values.cast(pa.list_(values.type.value_type))
-    if not pa.types.is_list(values.type) or values.null_count:
-        raise DatasetError(f"column {column!r} is {values.type} with {values.null_count} nulls, expected lists")
+    _check_nulls(values, column)
+    if not pa.types.is_list(values.type):
+        raise DatasetError(f"column {column!r} is {values.type}, expected lists")
     if not pc.all(pc.equal(pc.list_value_length(values), FUTURE_OBSERVATIONS)).as_py():
         raise DatasetError(f"column {column!r} holds a list of another length, expected {FUTURE_OBSERVATIONS} values")
-    return _numbers(pc.list_flatten(values), column)
+    return _numbers(pc.list_flatten(values), column, FUTURE_OBSERVATIONS)

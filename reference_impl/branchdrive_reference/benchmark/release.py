@@ -174,7 +174,10 @@ def published_predictions(release: Release, protocol: BenchmarkProtocol, data: B
         DatasetError: They cannot be read, or are not those that the protocol asks for.
     """
     if not release.has_benchmark:
-        raise UsageError(f"{release.root}: has no predictions; run `branchdrive predict` first")
+        raise UsageError(
+            f"{release.root}: has no predictions; `branchdrive benchmark` makes them, or `branchdrive train`, `lock` "
+            "and `predict`, and `--predictions FILE --name NAME` evaluates those of your own model"
+        )
     frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in TABLES}
     for wrong in prediction_mismatches(frames, data, protocol):
         raise DatasetError(f"{release.root}: {mismatch_text(wrong)}; run `branchdrive predict` again")

@@ -78,9 +78,17 @@ def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp
     results = json.loads(invoke("evaluate", bare, "--predictions", file, "--name", "Mine", "--format", "json"))
     assert [(model["id"], model["seeds"]) for model in results["models"]] == [("M0", [0]), ("Mine", [7])]
     assert results["guard"]["reason"] == "No risk was fitted."
+    assert results["description"]["parameters"] == [{"model": "M0", "num_parameters": 0}]
+    tables = invoke("evaluate", bare, "--predictions", file, "--name", "Mine", "--format", "markdown")
+    assert tables.count("the rows of these take `branchdrive benchmark` on this release first.") == 2
     said = invoke("evaluate", bare, "--predictions", file, "--name", "Mine")
     assert "M0" in said and "Guard" not in said
     assert " ".join(said.split()).count("Predictions of Mine come from no locked checkpoint.") == 1
+
+
+def test_without_predictions_it_says_how_to_have_some(bare: Path) -> None:
+    with pytest.raises(UsageError, match=r"`branchdrive benchmark` makes them, .*`--predictions FILE --name NAME`"):
+        invoke("evaluate", bare)
 
 
 def test_the_mean_beside_them_is_the_locked_one(done: Path) -> None:
@@ -142,6 +150,12 @@ def _more(group: str) -> Callable[[Columns], None]:
         (_set("min_ttc_s", float("nan")), "expected a finite `min_ttc_s`, found nan"),
         (_set("x_m", [float("inf")] * 10), "expected a finite `x_m`, found inf"),
         (_set("x_m", [0.0] * 9), "column 'x_m' holds a list of another length, expected 10 values"),
+        (
+            _set("min_ttc_s", None),
+            "column 'min_ttc_s' has no value in row 3, counted from 0, 1 in all; expected no nulls",
+        ),
+        (_set("x_m", [0.0] * 9 + [None]), "column 'x_m' has no value in row 3, counted from 0, 1 in all"),
+        (_set("group_id", None), "column 'group_id' has no value in row 3"),
         (_set("action_key", "fly"), "expected a candidate and step of the bank"),
         (_set("group_id", "nobody"), "expected a group of the model layer"),
         (_more("train00"), "expected a group outside of 'train'"),

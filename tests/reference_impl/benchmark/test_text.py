@@ -56,8 +56,29 @@ def test_too_few_clusters_are_said_first(results: Any) -> None:
         sentence = f"Nothing can be concluded: `test` has 4 groups in {units}"
         assert text(results).startswith(sentence)
         assert render_tables(results).split("\n")[2].startswith(sentence)
+        assert_said_under_every_table_of_intervals(render_tables(results), is_said=True)
     results["population"]["clusters"]["test"] = LEAST_UNITS
+    assert_said_under_every_table_of_intervals(render_tables(results), is_said=False)
     assert text(results).startswith("Prediction ")
+
+
+def assert_said_under_every_table_of_intervals(tables: str, *, is_said: bool) -> None:
+    said = "> **Warning.** Nothing can be concluded: too few route clusters."
+    sections = {section.split("\n")[0]: section for section in tables.split("\n## ")[1:]}
+    for title, section in sections.items():
+        tells = any(head in section for head in ("95 %", "| p |", "Coverage", "| Contact |"))
+        assert (said in section) == (is_said and tells), title
+    assert "Comparisons of models" in sections
+
+
+def test_tables_without_a_comparison_say_what_they_take(results: Any) -> None:
+    for section in ("prediction", "ranking"):
+        results[section]["comparisons"] = []
+    found = render_tables(results)
+    for title in ("Comparisons of models", "Comparisons of selectors"):
+        section = found.split(f"## {title}")[1].split("\n## ")[0]
+        assert "`branchdrive benchmark` on this release first" in section
+        assert "|" not in section
 
 
 def test_the_tables_are_named_where_they_are_in_a_file(results: Any) -> None:

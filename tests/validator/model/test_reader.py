@@ -263,7 +263,7 @@ def test_nothing_is_read_before_it_is_asked_for(tmp_path: Path) -> None:
     assert layer.sensor_inputs().state.shape == (5, 16, 21)
     with pytest.raises(DatasetError, match=r"'model/expert-val-00000.parquet': table `expert` does not decode"):
         layer.mixed_inputs()
-    with pytest.raises(DatasetError, match=r"'model/surroundings-test-00000.parquet' does not exist"):
+    with pytest.raises(DatasetError, match=r"'model/surroundings-test-00000.parquet' is missing"):
         layer.privileged_inputs()
 
 

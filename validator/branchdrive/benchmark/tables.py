@@ -1,7 +1,8 @@
 """Tables of results, printed as Markdown, `TABLES.md`; a terminal shows `branchdrive.benchmark.headline`.
 
 They are a pure function of the document `results.json`, and of `latency.json` where it exists, in the layout of the
-paper. Whatever prints them puts the warnings of the results below each title, so that none can be quoted without them.
+paper. Whatever prints them puts the warnings of the results below each title, so that none can be quoted without them,
+and so the Markdown says of every table of intervals and tests where nothing can be concluded from them.
 Tables print the number of groups, never of trajectories.
 
 Source: paper, tables of "Experiments"; spec/14-benchmark.md#tables.
@@ -43,6 +44,7 @@ def render_tables(results: Document, latency: Document | None = None) -> str:
         latency: Document ``latency.json``, if there is one.
     """
     protocol, warning = results["protocol"], inconclusive_sentence(results)
+    short = ["Nothing can be concluded: too few route clusters."] if warning else []
     head = [
         "# Benchmark results",
         "",
@@ -55,5 +57,14 @@ def render_tables(results: Document, latency: Document | None = None) -> str:
     ]
     timed = [] if latency is None else [latency_table(latency)]
     found = [*result_sections(results), *timed]
-    sections = [head, *(section_lines(section, results["warnings"]) for section in found)]
+    sections = [
+        head,
+        *(
+            section_lines(
+                section,
+                [*results["warnings"], *(short if isinstance(section, Table) and section.has_intervals else ())],
+            )
+            for section in found
+        ),
+    ]
     return "\n\n".join("\n".join(section) for section in sections) + "\n"

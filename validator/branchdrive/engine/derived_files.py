@@ -7,25 +7,23 @@ other files together. What decodes waits in a spool for the rules on what it say
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from branchdrive.benchmark.checkpoint import LENGTH_BYTES, header_bytes
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.identity import document_digest
-from branchdrive.contract.layer import LAYERS, part_of, paths_by_table, table_file, table_path, table_paths
+from branchdrive.contract.layer import LAYERS, paths_by_table, table_file
 from branchdrive.contract.layout import CARD_FILE, LICENCE_FILE
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.mismatch import Location, Mismatch
+from branchdrive.contract.mismatch import Mismatch
 from branchdrive.contract.rule import CATALOGUE, rules_of
-from branchdrive.contract.text import counted, printable, quote
+from branchdrive.contract.text import printable
+from branchdrive.engine.derived_places import foreign_groups, records_elsewhere, strays
 from branchdrive.engine.derived_rules import judge_layers
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.spool import Spool, spooled_table
@@ -38,14 +36,12 @@ from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.layers.view import RawLayer, ReleaseView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.schema import CHECKED_METADATA, COLUMNS_KEY, metadata_mismatches, type_mismatches
-from branchdrive.tables.view import TableView
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "STRUCTURE_RULES", "GroupsTask", "LayerFiles", "LayerFilesTask", "find_groups", "killed", "layer_files_tasks",
-    "misplaced", "needs_raw", "read_layers",
+    "STRUCTURE_RULES", "LayerFiles", "LayerFilesTask", "killed", "layer_files_tasks", "needs_raw", "read_layers",
 ]  # fmt: skip
 
 STRUCTURE_RULES = tuple(rule_id for rule_id in rules_of("layers") if CATALOGUE[rule_id].kind == "structure")
@@ -225,7 +221,10 @@ def read_layers(task: LayerFilesTask) -> LayerFiles:
     for path in (CARD_FILE, LICENCE_FILE):
         if (content := _read(task, path, spec_limits().max_document_bytes, result)) is not None:
             files.contents[path] = content
-    _check_places(task, files, result)
+    if task.part is not None:
+        for found in records_elsewhere(task.part, files.parts):
+            files.note(_PLACES, found)
+        result.foreign = foreign_groups(files.parts)
     result.num_rows = {path: table.num_rows for path, table in files.parts.items()}
     for path, table in files.parts.items():
         task.spool.put_table(spooled_table(path), table)
@@ -265,56 +264,6 @@ def _table_of(path: str) -> str:
     return file.table
 
 
-def _check_places(task: LayerFilesTask, files: _Files, result: LayerFiles) -> None:
-    """Hold the rows of a part against its records: those name their shards, and rows belong to groups of them."""
-    if task.part is None:
-        return
-    groups: set[str] = set()
-    for path in table_paths("records", files.parts):
-        view = TableView("records", files.parts[path])
-        groups.update(view.categories("group_id")[1])
-        codes, folders = view.categories("shard")
-        is_other = np.array([_part_of(folder) not in (None, task.part) for folder in folders] + [False], bool)
-        for found in _first("records", "shard", codes, folders, is_other, f"rows of shards of part {task.part}"):
-            files.note(_PLACES, found.within({"file": path}))
-    for path, table in files.parts.items():
-        codes, texts = TableView(_table_of(path), table).categories("group_id")
-        unknown = [place for place, text in enumerate(texts) if text not in groups]
-        if unknown:
-            rows = np.flatnonzero(codes >= 0)
-            counts, first = np.bincount(codes[rows], minlength=len(texts)), np.zeros(len(texts), np.int64)
-            first[codes[rows[::-1]]] = rows[::-1]  # the first row is written last
-            result.foreign[path] = {
-                texts[place]: (int(first[place]), int(counts[place])) for place in unknown if counts[place]
-            }
-
-
-@dataclass(frozen=True)
-class GroupsTask:
-    """Groups to find among the records.
-
-    Attributes:
-        spool: Where the records are.
-        files: Paths of the files of records.
-        groups: Identities of the groups.
-    """
-
-    spool: Spool
-    files: tuple[str, ...]
-    groups: frozenset[str]
-
-
-def find_groups(task: GroupsTask) -> dict[str, int]:
-    """Number of the last part with records of each of the groups that have any."""
-    found: dict[str, int] = {}
-    for path in task.files:
-        file = table_file(path)
-        if file is not None and file.part is not None:
-            texts = TableView("records", task.spool.table(spooled_table(path))).categories("group_id")[1]
-            found |= dict.fromkeys(task.groups & {*texts}, file.part)
-    return found
-
-
 def killed(task: LayerFilesTask, culprits: Sequence[str]) -> LayerFiles:
     """What it says of a task that two processes died of it, and of each of its files `culprits` alone, too."""
     result = LayerFiles(is_exceeded=not culprits)
@@ -333,45 +282,6 @@ def killed(task: LayerFilesTask, culprits: Sequence[str]) -> LayerFiles:
         else f"reading the {len(task.files)} files {what} together took more than {limit:.1f} GiB of memory"
     )
     return result
-
-
-def misplaced(files: LayerFiles, homes: Mapping[str, int]) -> Iterator[Mismatch]:
-    """Files with rows of groups that have their records in another part, and files without rows that no rule admits.
-
-    Args:
-        files: What was read.
-        homes: Number of the part with the records of groups that have none in the part of a file.
-    """
-    for path, groups in sorted(files.foreign.items()):
-        file = table_file(path)
-        if file is None:
-            continue
-        others = {group: rows for group, rows in groups.items() if homes.get(group, file.part) != file.part}
-        if others:
-            first = min(others, key=lambda group: others[group][0])
-            where: Location = {"file": path, "table": file.table, "column": "group_id", "row": others[first][0]}
-            num_rows = sum(count for _, count in others.values())
-            found = f"{counted(num_rows, 'row')} of others, the first of {quote(first)} in part {homes[first]}"
-            yield Mismatch(where, f"rows of groups of part {file.part} alone", found)
-    for name, paths in paths_by_table(files.num_rows).items():
-        table = LAYER_TABLES[name]
-        for partition in table.partitions or (None,):
-            own = [path for path in paths if (file := table_file(path)) and file.partition == partition]
-            has_rows = any(files.num_rows[path] for path in own)
-            for path in own:
-                if (
-                    table.is_of_groups
-                    and not files.num_rows[path]
-                    and (has_rows or path != table_path(name, partition))
-                ):
-                    yield Mismatch({"file": path, "table": name}, "a part with rows, or no file", "no row")
-
-
-def _part_of(folder: str) -> int | None:
-    try:
-        return part_of(folder)
-    except ValueError:  # another rule's
-        return None
 
 
 def _read(task: LayerFilesTask, path: str, limit: int, result: LayerFiles) -> bytes | None:
@@ -433,34 +343,8 @@ def _read_table(task: LayerFilesTask, path: str, name: str, files: _Files, resul
         files.parts[path] = table
         for found in (*metadata_mismatches(table.schema, name), *_undeclared_metadata(table.schema, name)):
             files.note("BD-LYR-004", found.within({"file": path}))
-        for found in _strays(path, name, table):
-            files.note("BD-LYR-010", found.within({"file": path}))
-
-
-def _strays(path: str, name: str, table: pa.Table) -> Iterator[Mismatch]:
-    """Rows of a file that are of another partition than the one that it is for: the first of them, and how many."""
-    file = table_file(path)
-    if file is None or file.partition is None:
-        return
-    codes, texts = TableView(name, table).categories("partition")
-    is_other = np.array([text != file.partition for text in texts] + [False], bool)  # a null is another rule's
-    yield from _first(name, "partition", codes, texts, is_other, f"rows of {file.partition!r} alone")
-
-
-def _first(
-    table: str,
-    column: str,
-    codes: NDArray[np.int32],
-    texts: Sequence[str],
-    is_other: NDArray[np.bool_],
-    expected: str,
-) -> Iterator[Mismatch]:
-    """The first row of a text that is another than it should be, and how many there are; null is the last code."""
-    rows = np.flatnonzero(is_other[codes])
-    if len(rows):
-        where: Location = {"table": table, "column": column, "row": int(rows[0])}
-        found = f"{counted(len(rows), 'row')} of others, the first of {quote(texts[codes[rows[0]]])}"
-        yield Mismatch(where, expected, found)
+        for found in strays(path, table):
+            files.note(_PLACES, found)
 
 
 def _undeclared_metadata(schema: pa.Schema, name: str) -> Iterator[Mismatch]:

@@ -13,16 +13,14 @@ from dataclasses import dataclass, field, replace
 from branchdrive.contract.layer import table_paths
 from branchdrive.contract.media import MediaMode
 from branchdrive.engine.derived_files import (
-    GroupsTask,
     LayerFiles,
     LayerFilesTask,
-    find_groups,
     killed,
     layer_files_tasks,
-    misplaced,
     needs_raw,
     read_layers,
 )
+from branchdrive.engine.derived_places import GroupsTask, empty_parts, find_groups, misplaced
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.files.shard_facts import repeated_rollouts, split_groups
@@ -173,7 +171,7 @@ def _joined(parts: Sequence[LayerFiles], reading: Reading, executor: Executor) -
                 reading.errors.append(f"derived layers: {outcome.message}")
             else:
                 layers.unjudged = f"finding {len(groups)} groups among the records took more memory than there is"
-    layers.note_places(misplaced(layers, homes))
+    layers.note_places([*misplaced(layers.foreign, homes), *empty_parts(layers.num_rows)])
     return layers
 
 

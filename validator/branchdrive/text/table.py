@@ -45,6 +45,7 @@ class Table:
         rows: A cell for every column.
         notes: Paragraphs below the table.
         has_total: Whether the last row is what the others lead to.
+        has_intervals: Whether it tells what is certain: intervals or tests.
     """
 
     title: str
@@ -52,6 +53,7 @@ class Table:
     rows: Sequence[Sequence[str]]
     notes: Sequence[str] = ()
     has_total: bool = False
+    has_intervals: bool = False
 
     def __post_init__(self) -> None:
         wrong = [row for row in self.rows if len(row) != len(self.columns)]

@@ -48,6 +48,17 @@ def test_every_selector_says_what_it_sees() -> None:
     assert (sees["O-M3"], sees["E-M3"], sees["oracle"]) == ("sensor inputs", "sensor inputs", "outcomes")
 
 
+def test_tables_say_that_the_mean_sees_nothing() -> None:
+    (table,) = (
+        one
+        for one in ranking_sections({"ranking": ranking(), "noise": None})
+        if one.title == "Ranking, profile balanced"
+    )
+    assert isinstance(table, Table)
+    sees = {name.removesuffix(" (tie)"): what for name, what, *_ in table.rows}
+    assert (sees["O-M0"], sees["nominal"], sees["O-M3"]) == ("nothing", "nothing", "sensor inputs")
+
+
 def test_tie_rules_are_marked() -> None:
     """M0 and M2 predict one outcome for the whole bank."""
     assert [name for name, entry in entries().items() if entry["is_tie"]] == ["O-M0", "O-M2", "E-M2"]

@@ -54,7 +54,7 @@ def redraw_sections(results: Document) -> list[Table | Passage]:
         return []
     found: list[Table | Passage] = []
     if rows:
-        found.append(Table("Guards at every tolerance", _COLUMNS, rows, _notes(documents)))
+        found.append(Table("Guards at every tolerance", _COLUMNS, rows, _notes(documents), has_intervals=True))
     missing = [
         f"{guard['model']} at {guard['tolerance_m']:g} m was not judged: {guard['reason']}"
         for guard in documents[1:]

@@ -80,7 +80,7 @@ def _profile_table(profile: Document, results: Document) -> Table:
     if (floor := noise_floor(results)) is not None:
         notes.append(floor)
     columns = [Column.name("Selection"), *_FIGURES.values(), Column("Actions")]
-    return Table(f"Guard, profile {profile['profile']}", columns, rows, notes)
+    return Table(f"Guard, profile {profile['profile']}", columns, rows, notes, has_intervals=True)
 
 
 def noise_tables(results: Document) -> list[Table]:

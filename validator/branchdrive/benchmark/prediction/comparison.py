@@ -5,7 +5,7 @@ from __future__ import annotations
 from branchdrive.benchmark.cell import BCA, BY_CLUSTERS, Document, ends_of, number
 from branchdrive.contract.text import NONE
 from branchdrive.statistics.sign_flip import p_text
-from branchdrive.text.table import Column, Table
+from branchdrive.text.table import Column, Passage, Table
 
 __all__ = ["JUDGED_BY_CLUSTERS", "UNADJUSTED", "comparison_table"]
 
@@ -19,10 +19,17 @@ UNADJUSTED = (
     "Tests in no family, of models that the protocol does not declare, explore: nothing adjusts their p-values."
 )
 
+_UNMADE = (
+    "There is none: those that the protocol declares are with its own models, as M3, and the rows of these take "
+    "`branchdrive benchmark` on this release first."
+)
 
-def comparison_table(title: str, section: Document) -> Table:
-    """Comparisons of a section of results with its families."""
+
+def comparison_table(title: str, section: Document) -> Table | Passage:
+    """Comparisons of a section of results with its families, or why there is none."""
     families = section["families"]
+    if not section["comparisons"]:
+        return Passage(title, [_UNMADE if families else "The protocol declares none."])
     adjusted = {family["name"]: {m["name"]: m for m in family["members"]} for family in families}
     rows = []
     for found in section["comparisons"]:
@@ -61,7 +68,7 @@ def comparison_table(title: str, section: Document) -> Table:
         Column("p studentised"),
         Column("Correlation within clusters"),
     ]
-    return Table(title, columns, rows, _notes(section))
+    return Table(title, columns, rows, _notes(section), has_intervals=True)
 
 
 def _notes(section: Document) -> list[str]:
@@ -69,7 +76,7 @@ def _notes(section: Document) -> list[str]:
     names = {found["name"] for found in section["comparisons"]}
     declared = {member["name"] for family in section["families"] for member in family["members"]}
     return [
-        *([JUDGED_BY_CLUSTERS] if names else []),
+        JUDGED_BY_CLUSTERS,
         *([UNADJUSTED] if names - declared else []),
         *(
             f"Family `{family['name']}`: {family['num_evaluated']} of {family['num_declared']} declared tests were "

@@ -11,7 +11,7 @@ from branchdrive.benchmark.prediction.metric.metric import HEADLINES, METRICS_OF
 from branchdrive.contract.metric import DeclaredMetric
 from branchdrive.driving.target import TARGETS
 from branchdrive.quality.text import PARTITION_TITLES
-from branchdrive.text.table import Column, Table
+from branchdrive.text.table import Column, Passage, Table
 
 __all__ = ["headline_tables", "prediction_tables"]
 
@@ -24,7 +24,7 @@ _PRIVILEGED = (
 _SYMBOLS = ", ".join(f"{target.symbol} is `{target.name}`" for target in TARGETS)
 
 
-def prediction_tables(results: Document) -> list[Table]:
+def prediction_tables(results: Document) -> list[Table | Passage]:
     """Population, errors, comparisons and diagnostics."""
     return [
         _population(results),
@@ -95,7 +95,7 @@ def _intervals(results: Document) -> Table:
         for kind, ends in _INTERVALS
     ]
     columns = [Column.name("Model"), Column.name("Resampled"), *(Column(metric.heading) for metric in HEADLINES)]
-    return Table("Prediction: intervals of 95 %", columns, rows)
+    return Table("Prediction: intervals of 95 %", columns, rows, has_intervals=True)
 
 
 def _of_targets(results: Document, metric: DeclaredMetric) -> Table:
@@ -150,4 +150,4 @@ def _shuffles(results: Document) -> Table:
         Column.name("Metric", is_code=True),
         *map(Column, ("As it is", "Shuffled", "Increase", "95 %, clusters", "Shuffles")),
     ]
-    return Table("Shuffled inputs", columns, rows, [note])
+    return Table("Shuffled inputs", columns, rows, [note], has_intervals=True)

@@ -13,7 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from branchdrive.contract.document import Integer
 
-__all__ = ["ENSEMBLE", "FIXED", "LEARNED", "Baseline", "Neighbours", "Prior", "ProtocolPart", "Ridge", "Selection"]
+__all__ = [
+    "ENSEMBLE", "FIXED", "LEARNED", "MEAN", "Baseline", "Neighbours", "Prior", "ProtocolPart", "Ridge", "Selection",
+]  # fmt: skip
 
 FIXED = ("random", "nominal", "action_prior", "fixed_brake")
 """Selectors that see nothing of a group."""
@@ -23,6 +25,9 @@ LEARNED = "O-"
 
 ENSEMBLE = "E-"
 """Name of the selector by the mean prediction of the seeds of a model, before that of the model."""
+
+MEAN = "M0"
+"""The model of the protocols that learns no weights and looks at nothing: the mean over all training rows."""
 
 _RESERVED = (*FIXED, "oracle")
 

@@ -76,7 +76,8 @@ def _means(profile: Document, entries: list[Any], results: Document, suffix: str
     ]
     if not suffix and (sentence := contact_sentence(profile)) is not None:
         notes.append(sentence)
-    return Table(f"Selected outcomes, profile {profile['profile']}{suffix}", columns, rows, notes)
+    title = f"Selected outcomes, profile {profile['profile']}{suffix}"
+    return Table(title, columns, rows, notes, has_intervals=True)
 
 
 def _tolerance(results: Document) -> str:
@@ -92,7 +93,7 @@ def _losses(profile: Document, entries: list[Any], results: Document, suffix: st
     rows = [[e["selector"], *(percents(t["worse"]) for t in e["outcomes"]["targets"])] for e in entries]
     columns = [Column.name("Selector"), *(Column(target.symbol) for target in TARGETS)]
     title = f"Selections worse than nominal beyond noise, profile {profile['profile']}{suffix}"
-    return [Table(title, columns, rows)]
+    return [Table(title, columns, rows, has_intervals=True)]
 
 
 def contact_sentence(profile: Document) -> str | None:

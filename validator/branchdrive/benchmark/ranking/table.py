@@ -12,6 +12,7 @@ from branchdrive.benchmark.cell import (
     with_ends,
 )
 from branchdrive.benchmark.prediction.comparison import JUDGED_BY_CLUSTERS, comparison_table
+from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED, MEAN
 from branchdrive.benchmark.ranking.selected_table import is_privileged, selected_tables
 from branchdrive.contract.text import NONE
 from branchdrive.statistics.sign_flip import p_text
@@ -34,6 +35,8 @@ _COLUMNS = (
     Column("Non-worsening"),
 )
 _SEES = Column("Sees", is_text=True)
+_OF_MEANS, _NOTHING = (f"{LEARNED}{MEAN}", f"{ENSEMBLE}{MEAN}"), "nothing"
+"""Selectors by the means of training: whatever their model may see by its contract, it looks at nothing of a group."""
 
 _SELECTORS = (
     "`action_prior` is the best constant action of training. O-MODEL chooses by each seed of a model and has the mean "
@@ -80,7 +83,7 @@ def _profile_tables(profile: Document, ranking: Document) -> list[Table]:
     )
     title = f"Ranking, profile {name}"
     if held is None:
-        return [Table(title, _COLUMNS, [_row(entry) for entry in profile["entries"]], [note])]
+        return [Table(title, _COLUMNS, [_row(entry) for entry in profile["entries"]], [note], has_intervals=True)]
     columns = (_COLUMNS[0], _SEES, *_COLUMNS[1:])
     apart = [entry for entry in profile["entries"] if is_privileged(entry)]
     tables = [
@@ -89,12 +92,15 @@ def _profile_tables(profile: Document, ranking: Document) -> list[Table]:
             columns,
             [_row(entry) for entry in profile["entries"] if not is_privileged(entry)],
             [note, _SELECTORS, *_unseen(ranking["unseen"])],
+            has_intervals=True,
         )
     ]
     if apart:
-        tables.append(Table(f"{title}, privileged", columns, [_row(entry) for entry in apart], [_PRIVILEGED]))
+        rows = [_row(entry) for entry in apart]
+        tables.append(Table(f"{title}, privileged", columns, rows, [_PRIVILEGED], has_intervals=True))
     if rows := _held_rows([found for found in held if found["profile"] == name]):
-        tables.append(Table(f"Learned selectors against references, profile {name}", _HELD_COLUMNS, rows, _HELD_NOTES))
+        held_title = f"Learned selectors against references, profile {name}"
+        tables.append(Table(held_title, _HELD_COLUMNS, rows, _HELD_NOTES, has_intervals=True))
     return tables
 
 
@@ -103,7 +109,7 @@ def _unseen(names: list[str]) -> list[str]:
 
 
 def _row(entry: Document) -> list[str]:
-    sees = [entry["sees"] or NONE] if "sees" in entry else []
+    sees = [_NOTHING if entry["selector"] in _OF_MEANS else entry["sees"] or NONE] if "sees" in entry else []
     return [
         f"{entry['selector']} (tie)" if entry.get("is_tie") else entry["selector"],
         *sees,
