@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from branchdrive.raw.reader import Dataset, open_dataset
     from branchdrive.raw.rollout import Rollout
     from branchdrive.runtime.executor import Executor, isolated
+    from branchdrive.runtime.ray_executor import ray_executor
     from branchdrive.writer.group_writer import GroupWriter
     from branchdrive.writer.rollout_writer import RolloutWriter
     from branchdrive.writer.writer import DatasetWriter
@@ -133,6 +134,7 @@ __all__ = [
     "load_waivers",
     "open_dataset",
     "open_model",
+    "ray_executor",
     "risk_evidence",
     "route_columns",
     "to_ego_frame",
@@ -210,6 +212,7 @@ _HOME = {
     "load_waivers": "engine.waiver",
     "open_dataset": "raw.reader",
     "open_model": "model.reader",
+    "ray_executor": "runtime.ray_executor",
     "risk_evidence": "driving.risk",
     "route_columns": "collector.route",
     "to_ego_frame": "collector.route",

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.executor import add_executor_argument, executor_of
 from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
@@ -73,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verdict.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
     reading = parser.add_argument_group("how to read")
     reading.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    add_executor_argument(reading)
     reading.add_argument(
         "--dataset-memory", metavar="GIB", type=at_least(1),
         help="memory of a process that judges the whole dataset, in GiB, where the specification's limit is too little "
@@ -109,7 +111,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     from branchdrive.engine.validate import validate
     from branchdrive.engine.waiver import load_waivers
     from branchdrive.formats.durable import replace_file
-    from branchdrive.runtime.executor import isolated
     from branchdrive.writer.staging import snapshot
 
     if args.recheck and args.cache is None:
@@ -137,7 +138,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             strict=args.strict,
             follow_links=args.follow_links,
             allow=args.allow,
-            executor=isolated(args.jobs),
+            executor=executor_of(args),
             dataset_memory_bytes=None if args.dataset_memory is None else args.dataset_memory << 30,
             cache=cache,
             progress=progress,
