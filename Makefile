@@ -11,18 +11,18 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills ray bench bench-paper bench-release
+.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills ray bench bench-growth bench-paper bench-release
 
-## create .venv and install into it, in editable mode, with the extras sim, media, plots, models, guard, export, conformance and dev
+## create .venv and install into it, in editable mode, with the extras sim, media, plots, report, models, guard, export, conformance and dev
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
-	@echo "setup: installs about 90 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
+	@echo "setup: installs about 110 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
 	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
-		-e ".[sim,media,plots,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
+		-e ".[sim,media,plots,report,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
 	@read status < .venv/status; [ $$status -eq 0 ] || \
 		{ echo "setup: pip ended with $$status; what it said is above. To go on, run: make setup" >&2; exit 1; }
 	@touch $@
@@ -34,7 +34,7 @@ help:
 		{ text = "" } \
 		END { print "variables: PYTHON=$(PYTHON) JOBS=$(JOBS) GROUPS=$(GROUPS) DATASET=$(DATASET) FUZZ=$(FUZZ)" }' $(MAKEFILE_LIST)
 
-## collect one group of every scenario type in the reference world, build a release of them, validate it, draw them
+## collect one group of every scenario type in the reference world, build a release of them, validate it, draw them, report on it
 demo: setup
 	@[ $(GROUPS) -ge 5 ] || \
 		{ echo "a release has three partitions, which takes five groups; run: make demo GROUPS=5" >&2; exit 1; }
@@ -43,6 +43,7 @@ demo: setup
 	$(BIN)/branchdrive build $(DEMO)/dataset --jobs $(JOBS)
 	$(BIN)/branchdrive-validate $(DEMO)/dataset --jobs $(JOBS) --require-groups $(FROZEN)
 	$(BIN)/branchdrive draw $(DEMO)/dataset --output $(DEMO)/pictures
+	$(BIN)/branchdrive report $(DEMO)/dataset --output $(DEMO)/report.html --jobs $(JOBS)
 
 ## collect 20 groups from highway-env, build a release of them, validate it, report on it as a pilot; film two more
 example-highway: setup
@@ -109,6 +110,10 @@ bench: setup
 		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]" || \
 		echo "highway-env cannot be installed; the table goes without it" >&2
 	$(BIN)/python -m benchmarks
+
+## growth of validation, build and audit up to 16,000 repeated groups: processor time, the parent's memory, exponents
+bench-growth: setup
+	$(BIN)/python -m benchmarks --growth
 
 ## collect and validate a dataset of the paper's size: time, memory, funnel
 bench-paper: setup

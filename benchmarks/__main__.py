@@ -17,6 +17,7 @@ from rich.table import Table
 from benchmarks import (
     benchmark,
     camera_ranking,
+    growth,
     highway_env,
     paper,
     ranking,
@@ -31,8 +32,12 @@ from benchmarks.row import Row
 from branchdrive.cli.build import calibration
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import BranchDriveError
+from branchdrive_reference.collect.campaign import collect
 
 NUM_VALIDATED_GROUPS = 384
+
+GROWN_GROUPS = 24
+"""Groups of the shard that is repeated where growth alone is measured."""
 
 
 def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[Row]]:
@@ -49,6 +54,9 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
                 root, bench, what="release with its benchmark", bar="<= 15 s for 1,000 groups"
             ),
         }
+    if args.growth:
+        collect(folder / "source", num_groups=GROWN_GROUPS, seed=1)
+        return {"growth": growth.rows(folder, sizes=growth.LARGE_SIZES)}
     made = folder / "release"
     return {
         "simulator and expert": simulator.rows(),
@@ -57,6 +65,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         "ranking": ranking.rows(folder),
         "ranking from cameras": camera_ranking.rows(folder, release=made),
         "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS, release=made),
+        "growth": growth.rows(folder),
         "start-up": startup.rows(),
     }
 
@@ -68,6 +77,9 @@ def main() -> None:
     subject.add_argument("--paper", action="store_true", help="collect and validate the preset `paper` instead")
     subject.add_argument(
         "--release", action="store_true", help="build and validate a release of the preset `benchmark` instead"
+    )
+    subject.add_argument(
+        "--growth", action="store_true", help="measure the growth of stages up to 16,000 repeated groups instead"
     )
     parser.add_argument(
         "--groups",

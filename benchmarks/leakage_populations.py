@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from branchdrive.engine.spool import Spool
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.battery import ways
 from branchdrive.leakage.classifier import Unavailable, sequence_classifier
@@ -97,9 +98,10 @@ def report(inputs: ReplayInputs, count: int) -> None:
 def main(root: Path, count: int) -> None:
     """Read the release and report."""
     dataset = Folder.at(root)
-    scan = scan_raw(dataset, in_process)
-    layers = load_layers(dataset, scan.descriptor.action_bank.keys)
-    report(replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor), count)
+    with Spool.temporary() as spool:
+        scan = scan_raw(dataset, spool, in_process)
+        inputs = replay_inputs(scan.rows["replays"], load_layers(dataset).rows("group_quality"), scan.descriptor)
+    report(inputs, count)
 
 
 if __name__ == "__main__":

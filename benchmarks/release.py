@@ -21,6 +21,7 @@ from benchmarks.staged import StageCost
 from benchmarks.validation import time_validation
 from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import LEAKAGE_FILE
+from branchdrive.engine.spool import Spool
 from branchdrive.errors import BranchDriveError
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.inputs import gate_features
@@ -29,7 +30,7 @@ from branchdrive.leakage.replays import replay_inputs
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.text import access_sentence, target_sentences
 from branchdrive.release.built_layers import BuiltLayers, load_layers
-from branchdrive.release.scan import RawScan, scan_raw
+from branchdrive.release.scan import scan_raw
 from branchdrive.runtime.executor import isolated
 from branchdrive_reference.leakage.uniformity import gate_size, uniformity
 
@@ -79,7 +80,7 @@ def rows(folder: Path, bench: ReleaseBench) -> Iterator[Row]:
     root = folder / FOLDER
     yield from _collected(root, bench)
     yield from _built(root, bench)
-    layers = load_layers(Folder(root), ())
+    layers = load_layers(Folder(root))
     yield from _population(layers)
     yield from validated_rows(root, bench)
     yield from _leakage(root, layers, bench)
@@ -116,7 +117,7 @@ def _built(root: Path, bench: ReleaseBench) -> Iterator[Row]:
 def _population(layers: BuiltLayers) -> Iterator[Row]:
     population = layers.documents["quality/population.json"]
     yield Row("population", "\n".join(_stage(stage, population["partitions"]) for stage in population["stages"]))
-    groups = layers.frames["group_quality"]
+    groups = layers.rows("group_quality")
     valid = np.asarray(groups["core_valid"], bool)
     types = len(set(groups["scenario_type"][valid].tolist()))
     yield Row("core-valid groups", f"{valid.sum():,} from {types} scenario types", ">= 606 from 9 types")
@@ -151,8 +152,9 @@ def validated_rows(root: Path, bench: ReleaseBench, *, what: str = "release", ba
 
 def _leakage(root: Path, layers: BuiltLayers, bench: ReleaseBench) -> Iterator[Row]:
     yield Row("leakage audit", "\n".join(leakage_sentences(layers.documents[LEAKAGE_FILE])))
-    scan: RawScan = scan_raw(Folder.at(root), isolated(bench.jobs))
-    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor)
+    with Spool.temporary() as spool:
+        scan = scan_raw(Folder.at(root), spool, isolated(bench.jobs))
+        inputs = replay_inputs(scan.rows["replays"], layers.rows("group_quality"), scan.descriptor)
     gate = gate_size(gate_features(inputs)[0], seeds=range(bench.num_seeds), protocol=_SIZE_PROTOCOL)
     shuffled = f"{inputs.num_groups:,} groups, rows shuffled within groups, {bench.num_seeds:,} seeds"
     for name, p_values in gate.p_values.items():

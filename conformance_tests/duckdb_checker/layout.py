@@ -21,7 +21,10 @@ IDENTITY = LAYERS[:4]
 _PART = "([0-9]{5}|[1-9][0-9]{5,7})"
 PARTITIONS = ("train", "val", "calibration", "test")
 SHARD = re.compile(r"raw/shard-(?:[0-9]{5}|[1-9][0-9]{5,8})(?=/|$)")
-COMPANIONS = {"README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE}
+COMPANIONS = {
+    "README.md", ".gitattributes", ".gitignore", ".git", ".cache", ".huggingface", IGNORE, "croissant.json",
+    ".zenodo.json", "codemeta.json",
+}  # fmt: skip
 COMPANIONS_ANYWHERE = {".DS_Store", "Thumbs.db"}
 WORKING_FOLDER = ".staging"
 _WORKING_SUFFIXES = (".tmp", ".part", ".partial")

@@ -6,6 +6,7 @@ that importing the package costs nothing; the first use raises `PlatformError` w
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
         ToolError,
         UsageError,
     )
+    from branchdrive.formats.place import open_store
     from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
     from branchdrive.model.reader import ModelLayer, open_model
     from branchdrive.raw.group import BranchGroup
@@ -134,6 +136,7 @@ __all__ = [
     "load_waivers",
     "open_dataset",
     "open_model",
+    "open_store",
     "ray_executor",
     "risk_evidence",
     "route_columns",
@@ -212,6 +215,7 @@ _HOME = {
     "load_waivers": "engine.waiver",
     "open_dataset": "raw.reader",
     "open_model": "model.reader",
+    "open_store": "formats.place",
     "ray_executor": "runtime.ray_executor",
     "risk_evidence": "driving.risk",
     "route_columns": "collector.route",
@@ -223,7 +227,7 @@ _HOME = {
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'branchdrive' has no attribute {name!r}")
+        raise AttributeError(f"module 'branchdrive' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     if _HOME[name] != "errors":
         import_module("branchdrive.runtime.environment").check_environment()
     value = getattr(import_module(f"branchdrive.{_HOME[name]}"), name)

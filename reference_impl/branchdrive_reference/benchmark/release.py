@@ -6,7 +6,6 @@ the manifest first: a lock names digests, and they are to be those of the files 
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -134,8 +133,7 @@ def open_release(root: str | Path) -> Release:
     for name, digest in manifest.files.items():
         if layer_of(name) in _READ:
             try:
-                with layer.folder.open(name) as stream:
-                    found = hashlib.file_digest(stream, "sha256").hexdigest()
+                found = layer.folder.digest(name)
             except DatasetError as error:
                 raise DatasetError(f"{error}; {_REMEDY}") from error
             if found != digest:

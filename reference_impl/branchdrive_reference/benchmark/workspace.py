@@ -14,6 +14,7 @@ from pathlib import Path
 from branchdrive.contract.layout import BENCHMARK
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import delete, make_dir, replace_file
+from branchdrive.formats.folder import folder_of
 from branchdrive.release.publish import benchmark_area, lock_area, make_private, publish_layer
 from branchdrive_reference.benchmark.release import Release, open_release
 
@@ -70,7 +71,7 @@ class Workspace:
 
     def publish(self, files: dict[str, bytes]) -> None:
         """Make `files` the benchmark layer of the release, and remove those that waited."""
-        manifest = publish_layer(self.release.layer.folder, BENCHMARK, files)
+        manifest = publish_layer(folder_of(self.release.layer.folder, "a benchmark"), BENCHMARK, files)
         self.tidy(manifest.files)
 
     def tidy(self, published: Mapping[str, str] | None = None) -> None:
@@ -99,7 +100,7 @@ def open_workspace(release: Release) -> Iterator[Workspace]:
         DatasetError: The release has changed meanwhile.
     """
     with lock_area(release.root):
-        area = benchmark_area(release.layer.folder)
+        area = benchmark_area(folder_of(release.layer.folder, "a benchmark"))
         if area.name.removeprefix("benchmark-") != release.manifest.identity[:16]:
             raise DatasetError(f"{release.root}: was built again in the meantime; run the command again")
         make_private(area)

@@ -8,10 +8,10 @@ import shlex
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.build import seed
+from branchdrive.cli.place import folder
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.collector.part import WHOLE, Part
 from branchdrive.errors import UsageError
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     presets = ", ".join(f"{name} ({preset.num_groups:,} groups)" for name, preset in PRESETS.items())
     fault_presets, branch_presets = " or ".join(FAULT_PRESETS), " or ".join(BRANCH_PRESETS)
-    parser.add_argument("out", metavar="OUT", type=Path, help="folder of the dataset; an interrupted one is resumed")
+    parser.add_argument("out", metavar="OUT", type=folder, help="folder of the dataset; an interrupted one is resumed")
     what = parser.add_argument_group("what to collect")
     what.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
     what.add_argument(

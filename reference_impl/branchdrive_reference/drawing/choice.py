@@ -35,7 +35,7 @@ def wanted_groups(dataset: Dataset, scenarios: Sequence[str] = ()) -> dict[str, 
         for group_id, name in _types(shard.decode(ROLLOUTS).select(_COLUMNS)).items():
             types[group_id] = names.setdefault(name, name)
     if not types:
-        raise UsageError(f"{str(dataset.root)!r} has no branch group to draw")
+        raise UsageError(f"{str(dataset.store)!r} has no branch group to draw")
     present = sorted(set(types.values()))
     for name in scenarios:
         if name not in present:
@@ -74,6 +74,6 @@ def named_groups(dataset: Dataset, names: Sequence[str]) -> list[str]:
             near = [label(each) for each in similar(name, present)]
             hint = f"; did you mean {' or '.join(near)}?" if near else ""
             raise UsageError(
-                f"no group '{label(name)}' among the {len(present):,} groups of {str(dataset.root)!r}{hint}"
+                f"no group '{label(name)}' among the {len(present):,} groups of {str(dataset.store)!r}{hint}"
             )
     return list(dict.fromkeys(names))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError, UsageError
@@ -24,7 +25,7 @@ ORDER = 60
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="the dataset: folder, URL or archive")
     parser.add_argument("--output", metavar="DIR", type=Path, required=True, help="folder of the pictures")
     which = parser.add_mutually_exclusive_group()
     which.add_argument(

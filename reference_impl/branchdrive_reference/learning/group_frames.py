@@ -14,7 +14,6 @@ Source: paper, "Model Inputs and Targets" (sixteen time steps of six surround ca
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.text import listed
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import UsageError
+from branchdrive.formats.place import Place
 from branchdrive.raw.group import BranchGroup
 from branchdrive.raw.media.media_folder import FRAMES
 from branchdrive.raw.reader import Dataset, open_dataset
@@ -67,7 +67,7 @@ class GroupFrames(IterableDataset[dict[str, Any]]):
 
     def __init__(
         self,
-        dataset: Dataset | str | Path,
+        dataset: Dataset | Place,
         cameras: Sequence[str] = SURROUND,
         *,
         groups: Collection[str] | None = None,

@@ -21,13 +21,13 @@ Source: paper, "Model Inputs and Targets"; spec/12-model.md#contracts.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
+from branchdrive.formats.place import Place
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.runtime.environment import install_command
 from branchdrive_reference.learning.image_inputs import image_arrays
@@ -72,7 +72,7 @@ class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
 
     def __init__(
         self,
-        release: ModelLayer | str | Path,
+        release: ModelLayer | Place,
         partition: str,
         contract: InputContract | str = InputContract.SENSOR,
         *,

@@ -7,10 +7,10 @@ Source: this project's choice.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 from branchdrive.errors import UsageError
+from branchdrive.formats.place import Place
 from branchdrive.model.reader import ModelLayer, open_model
 
 __all__ = ["HELD_OUT", "Fold", "open_fold"]
@@ -31,7 +31,7 @@ class Fold(NamedTuple):
     groups: tuple[str, ...]
 
 
-def open_fold(release: ModelLayer | str | Path, fold: Fold) -> ModelLayer:
+def open_fold(release: ModelLayer | Place, fold: Fold) -> ModelLayer:
     """The model layer of a release with the groups of `fold` in the partition `HELD_OUT` instead of ``train``.
 
     Folds of one layer read its tables once.

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
+from branchdrive.formats.place import Place
 from branchdrive.model.normalisation_document import Scalings
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
@@ -55,7 +56,7 @@ class Prediction(NamedTuple):
 
 def predict(
     checkpoints: Sequence[Checkpoint | str | Path],
-    release: ModelLayer | str | Path,
+    release: ModelLayer | Place,
     partition: str,
     *,
     variant: str | None = None,

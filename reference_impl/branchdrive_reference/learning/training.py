@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
+from branchdrive.formats.place import Place
 from branchdrive.model.normalisation import Scaling
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.runtime.progress import unwatched
@@ -97,7 +98,7 @@ def training_data(layer: ModelLayer, configuration: Configuration) -> dict[str, 
 
 
 def train_model(
-    release: ModelLayer | str | Path,
+    release: ModelLayer | Place,
     folder: str | Path,
     configuration: Configuration,
     *,

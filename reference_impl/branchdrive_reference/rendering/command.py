@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import shlex
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import folder
 from branchdrive.cli.progress import progress_bar
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
@@ -46,9 +46,12 @@ def jobs(text: str) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder; it needs maps and actors")
+    parser.add_argument("dataset", metavar="DATASET", type=folder, help="the dataset folder; it needs maps and actors")
     parser.add_argument(
-        "--output", metavar="DIR", type=Path, help="make a copy of the raw layer with media, and leave DATASET as it is"
+        "--output",
+        metavar="DIR",
+        type=folder,
+        help="make a copy of the raw layer with media, and leave DATASET as it is",
     )
     parser.add_argument(
         "--streams",

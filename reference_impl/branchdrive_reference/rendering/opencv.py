@@ -29,5 +29,6 @@ def fixed_point(points_px: NDArray[np.float64]) -> NDArray[np.int32]:
 
     The centre of pixel (0, 0) lies at (0.5, 0.5) here, and at (0, 0) for OpenCV.
     """
-    scaled = (np.clip(points_px, -_LARGEST_PX, _LARGEST_PX) - 0.5) * (1 << SUBPIXEL_BITS)
+    within = np.minimum(np.maximum(points_px, -_LARGEST_PX), _LARGEST_PX)  # a third of the time of clip on a few points
+    scaled = (within - 0.5) * (1 << SUBPIXEL_BITS)
     return np.rint(scaled).astype(np.int32, order="C")

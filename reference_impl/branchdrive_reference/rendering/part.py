@@ -133,9 +133,10 @@ class Parts:
         """All parts of some."""
         return cls(*(np.concatenate([getattr(one, field.name) for one in groups]) for field in fields(cls)))
 
-    def far_to_near(self) -> Parts:
-        """The same parts, those of far actors first; parts of one actor keep their order."""
-        order = np.argsort(-self.distance_m, kind="stable")
+    def far_to_near(self, first: int) -> Parts:
+        """The same parts, after the first few those of far actors first; parts of one actor keep their order."""
+        order = np.arange(len(self))
+        order[first:] = first + np.argsort(-self.distance_m[first:], kind="stable")
         return Parts(*(getattr(self, field.name)[order] for field in fields(self)))
 
     def corners(self) -> Array:

@@ -50,9 +50,13 @@ class Pinhole:
 
     def pixels(self, seen_m: Array) -> Array:
         """Pixels ``(u, v)`` ``[.., 2]`` of points along the axes of the camera ``[.., 3]`` of positive depth."""
-        camera = self.camera
-        scale, middle = np.array([camera.fx_px, camera.fy_px]), np.array([camera.cx_px, camera.cy_px])
+        scale, middle = self._scale_and_middle
         return np.asarray(middle + scale * seen_m[..., :2] / seen_m[..., 2:])
+
+    @cached_property
+    def _scale_and_middle(self) -> tuple[Array, Array]:
+        camera = self.camera
+        return np.array([camera.fx_px, camera.fy_px]), np.array([camera.cx_px, camera.cy_px])
 
     @cached_property
     def ground(self) -> Array:

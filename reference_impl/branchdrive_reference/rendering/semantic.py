@@ -131,9 +131,9 @@ class SemanticView:
         for group, channel in ((wheeled, SemanticChannel.OTHER_VEHICLE), (ego, SemanticChannel.EGO)):
             plane = np.zeros_like(image)
             for outline in group:
-                for target, value in ((plane, int(channel)), (classes, int(SemanticClass.VEHICLE))):
-                    cv2.fillConvexPoly(target, outline, value, cv2.LINE_8, SUBPIXEL_BITS)
+                cv2.fillConvexPoly(plane, outline, int(channel), cv2.LINE_8, SUBPIXEL_BITS)
             cv2.bitwise_or(image, plane, image)
+            np.copyto(classes, np.uint8(SemanticClass.VEHICLE), where=plane > 0)
         for outline in people:
             cv2.fillConvexPoly(classes, outline, int(SemanticClass.PEDESTRIAN), cv2.LINE_8, SUBPIXEL_BITS)
 

@@ -134,8 +134,9 @@ class Surroundings:
             bodies = bodies.with_ego(snapshot.length_m, snapshot.width_m, snapshot.height_m)
         detail_m = min(self._focal_px / _DETAIL_PX, _MOST_DETAIL_M)
         has_lamps_on = self._light.has_headlamps
-        standing = [actor_parts(bodies, detail_m, has_lamps_on=has_lamps_on), self._posts(), self._walls()]
-        return Parts.joined([shadows(bodies, _SHADOWS_M), Parts.joined(standing).far_to_near()])
+        lying = shadows(bodies, _SHADOWS_M)
+        standing = actor_parts(bodies, detail_m, has_lamps_on=has_lamps_on), self._posts(), self._walls()
+        return Parts.joined([lying, *standing]).far_to_near(len(lying))
 
     def _posts(self) -> Parts:
         posts = self._patch.posts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,19 @@ _LEAST_GAIN = 1.01
 
 _FINE_PX_PER_M = 1.5
 """Where a metre of the ground has fewer pixels, it is drawn from the coarse texture."""
+
+
+class _Band(NamedTuple):
+    """Rows of an image from `first` on, the ground of which comes from one texture, and pixels moved to them."""
+
+    first: int
+    end: int
+    level: int
+    shift: Array
+
+    @classmethod
+    def of(cls, first: int, end: int, level: int) -> _Band:
+        return cls(first, end, level, np.array([[1, 0, -0.5], [0, 1, -0.5 - first], [0, 0, 1.0]]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +78,8 @@ class View:
         return np.asarray(1.0 - np.exp(-self._pinhole.depth_m / self.light.visibility_m), np.float32)
 
     @cached_property
-    def _bands(self) -> tuple[tuple[int, int, int], ...]:
-        """Rows of the ground from the coarse and from the fine texture: first row, last row, level."""
+    def _bands(self) -> tuple[_Band, ...]:
+        """Rows of the ground from the coarse and from the fine texture."""
         depth_m = self._pinhole.depth_m.min(axis=1)
         seen = np.flatnonzero(np.isfinite(depth_m))
         if not len(seen):
@@ -74,12 +88,13 @@ class View:
         density = np.sqrt(abs(np.linalg.det(self._pinhole.ground)) / np.maximum(depth_m, NEAR_M) ** 3)
         near = np.flatnonzero(density[first:end] >= _FINE_PX_PER_M)
         middle = first + int(near[0]) if len(near) else end
-        return tuple(band for band in ((first, middle, 1), (middle, end, 0)) if band[1] > band[0])
+        bands = ((first, middle, 1), (middle, end, 0))
+        return tuple(_Band.of(*band) for band in bands if band[1] > band[0])
 
     @property
     def paint_reach_m(self) -> float:
         """Distance from which on the ground is drawn from the coarse texture; ``inf`` where all of it is fine."""
-        coarse = [last for _, last, level in self._bands if level]
+        coarse = [band.end for band in self._bands if band.level]
         return float(self._pinhole.depth_m[coarse[0] - 1].max()) if coarse else float("inf")
 
     def draw(self, surroundings: Surroundings) -> Image:
@@ -91,9 +106,8 @@ class View:
 
     def _draw_ground(self, image: Image, surroundings: Surroundings) -> None:
         to_pixels = self._pinhole.ground @ surroundings.world_to_ego
-        for first, end, level in self._bands:
+        for first, end, level, shift in self._bands:
             texture, to_world = surroundings.textures[level]
-            shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - first], [0, 0, 1.0]])
             part = image[first:end]
             ground = cv2.warpPerspective(
                 texture, shift @ to_pixels @ to_world, (part.shape[1], part.shape[0]), flags=cv2.INTER_LINEAR,
@@ -126,12 +140,15 @@ class View:
         pinhole, (normals, distances_m) = self._pinhole, self._frustum
         is_facing = surroundings.normals @ pinhole.place_m > surroundings.offsets_m
         inside = (normals @ surroundings.corners_m > distances_m[:, None]).reshape(len(normals), 4, -1)
-        chosen = np.flatnonzero(inside.any(axis=1).all(axis=0) & is_facing)
-        is_near = ~inside[0, :, chosen].all(axis=1)
+        meets = inside[:, 0] | inside[:, 1] | inside[:, 2] | inside[:, 3]
+        chosen = np.flatnonzero(np.logical_and.reduce(meets) & is_facing)
+        near = np.flatnonzero(~np.logical_and.reduce(inside[0])[chosen])
         seen = pinhole.seen(surroundings.outlines_m[chosen])
-        outlines = list(fixed_point(pinhole.pixels(np.where(is_near[:, None, None], 1.0, seen))))
-        for number in np.flatnonzero(is_near).tolist():
-            outlines[number] = fixed_point(pinhole.pixels(_clipped(seen[number])))
+        clipped = [_clipped(seen[number]) for number in near]
+        seen[near] = 1.0
+        outlines = list(fixed_point(pinhole.pixels(seen)))
+        for number, outline in zip(near.tolist(), clipped, strict=True):
+            outlines[number] = fixed_point(pinhole.pixels(outline))
         for outline, colour in zip(outlines, surroundings.colours[chosen].tolist(), strict=True):
             if len(outline) > 2:
                 cv2.fillConvexPoly(image, outline, colour, cv2.LINE_AA, SUBPIXEL_BITS)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import place
 from branchdrive.cli.progress import part_lines, progress_bar
 from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError, UsageError
@@ -23,7 +24,9 @@ _SUFFIXES = (".png", ".gif")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder; it needs media")
+    parser.add_argument(
+        "dataset", metavar="DATASET", type=place, help="the dataset, with media: folder, URL or archive"
+    )
     parser.add_argument("group", metavar="GROUP", help="the group to show")
     parser.add_argument(
         "--output",

@@ -20,6 +20,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS, TICK_S, WINDOW_OFFSETS
 from branchdrive.errors import UsageError
+from branchdrive.formats.folder import Folder
 from branchdrive.raw.media.camera_frames import CameraFrames
 from branchdrive.raw.reader import Dataset
 from branchdrive.raw.rollout import Rollout
@@ -206,9 +207,9 @@ def read_sheet(dataset: Dataset, group_id: str) -> Sheet:
     descriptor = dataset.descriptor
     if not any(STREAMS[name].cameras for name in descriptor.streams):
         advice = "add them with `branchdrive render`"
-        if is_rendering(dataset.root):
+        if isinstance(dataset.store, Folder) and is_rendering(dataset.root):
             advice = "a `branchdrive render` was interrupted: run it again"
-        raise UsageError(f"{str(dataset.root)!r} has no media; {advice}")
+        raise UsageError(f"{str(dataset.store)!r} has no media; {advice}")
     group = dataset.group(group_id)
     scene = read_scene(group, descriptor)
     scene = replace(scene, elements=elements_around(dataset, scene))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import place
 from branchdrive.cli.progress import progress_bar
 
 __all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
@@ -17,7 +18,7 @@ ORDER = 50
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="folder of a finished dataset")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="a finished dataset: folder, URL or archive")
     parser.add_argument("--full", action="store_true", help="print every table: by scenario type, and every variable")
     parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
     parser.add_argument("--output", metavar="FILE", type=Path, help="write the study there instead of to the terminal")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +12,7 @@ from branchdrive.cli.progress import Update
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.place import Place, open_store
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard
@@ -28,24 +28,27 @@ _NAMES = ("group_id", "scenario_type", "town", "status")
 """Columns of the rollouts table whose text a study counts or prints."""
 
 
-def open_finished(root: Path) -> Dataset:
-    """Open the finished dataset in the folder `root`.
+def open_finished(root: Place) -> Dataset:
+    """Open the finished dataset at `root`.
 
     Raises:
-        UsageError: The folder holds none.
+        UsageError: There is none.
         DatasetError: Its descriptor or layout cannot be read safely.
+        PlatformError: A store cannot be reached or refuses.
     """
+    store = open_store(root)
     for name in (DESCRIPTOR_FILE, MANIFEST_FILE):
-        if not (root / name).is_file():
+        found = store.status(name)
+        if found is None or found.kind == "folder":
             raise UsageError(f"{str(root)!r} holds no finished dataset: there is no {name!r}")
-    return open_dataset(root)
+    return open_dataset(store)
 
 
-def study_dataset(root: Path, progress: Update) -> Study:
-    """Study the finished dataset in the folder `root`.
+def study_dataset(root: Place, progress: Update) -> Study:
+    """Study the finished dataset at `root`.
 
     Raises:
-        UsageError: The folder holds no finished dataset with a branch group, or one that cannot be read.
+        UsageError: There is no finished dataset with a branch group, or one that cannot be read.
     """
     try:
         dataset = open_finished(root)

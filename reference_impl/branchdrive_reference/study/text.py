@@ -13,12 +13,12 @@ from rich.text import Text
 from branchdrive.contract.text import NONE, counted
 from branchdrive.contract.timing import ACTIVE_TICKS, TICK_S
 from branchdrive.driving.discrepancy import CORE
-from branchdrive.text.table import Column, Table
+from branchdrive.text.table import Column, Passage, Table
 from branchdrive.text.terminal import print_facts, print_section, render
 from branchdrive_reference.study.label import label
 from branchdrive_reference.study.study import CollectedGroups, Rate, Scenario, Spread, Study
 
-__all__ = ["render_study"]
+__all__ = ["render_study", "study_sections"]
 
 Shares: TypeAlias = Callable[[Scenario], Mapping[str, Rate]]
 _COLLIDED: Shares = attrgetter("collided")
@@ -50,6 +50,18 @@ def render_study(study: Study, stdout: TextIO, *, is_file: bool = False, is_full
     return render(partial(_print_study if is_full else _print_headlines, study=study), stdout, is_file=is_file)
 
 
+def study_sections(study: Study) -> list[Table | Passage]:
+    """The headlines of a study as values: what was collected, outcomes, discrepancies, and whether replays repeat."""
+    facts = [[name, text] for name, text in _population_facts(study.population).items()]
+    discrepancies = _largest_discrepancies(study)
+    return [
+        Table("What was collected", [Column.name("of"), Column("there are", is_text=True)], facts),
+        *_overall_sections(study),
+        *([] if discrepancies is None else [discrepancies]),
+        Passage("Nominal replays", [_equality_text(study)[0]]),
+    ]
+
+
 def _print_headlines(console: Console, study: Study) -> None:
     """What fits on a screen: outcomes of all groups together, and the largest discrepancies."""
     console.print(Text(f"{label(study.dataset_id)} {label(study.dataset_version)}", style="bold"))
@@ -63,32 +75,62 @@ def _print_headlines(console: Console, study: Study) -> None:
     console.print(Text("--full has every scenario type and variable, --format json every number.", style="dim"))
 
 
+_NO_OUTCOMES = "No outcomes: no group is integrity-complete"
+_NO_EVIDENCE = "Collisions and ranks are unknown: the dataset claims no risk evidence"
+
+
 def _print_overall(console: Console, study: Study) -> None:
     """Outcomes of all groups: of nominal drives in words, of families as a table."""
-    overall = study.overall
-    if not overall.num_groups:
-        console.print(Text("No outcomes: no group is integrity-complete", style="bold"))
+    if not study.overall.num_groups:
+        console.print(Text(_NO_OUTCOMES, style="bold"))
         return
-    unseen = f"; not always monitored: {', '.join(study.not_monitored)}" if study.not_monitored else ""
-    title = f"Outcomes of {counted(overall.num_groups, 'integrity-complete group')}, % of each family"
-    nominal = f"Of nominal drives {_percent(overall.completed)} % completed their route, {_percent(overall.clean)} % "
-    nominal += f"without a collision or an infraction{unseen}."
     if not study.has_evidence:
-        console.print(Text(nominal))
-        console.print(Text("Collisions and ranks are unknown: the dataset claims no risk evidence", style="bold"))
+        console.print(Text(_nominal_sentence(study)))
+        console.print(Text(_NO_EVIDENCE, style="bold"))
         return
+    print_section(console, _outcome_table(study))
+    if len(study.branches) > 1:
+        console.print()
+        print_section(console, _branch_table(study))
+    if study.overall.num_ranked:
+        _print_ranking(console, study)
+
+
+def _overall_sections(study: Study) -> list[Table | Passage]:
+    """The same as values."""
+    if not study.overall.num_groups:
+        return [Passage("Outcomes", [f"{_NO_OUTCOMES}."])]
+    if not study.has_evidence:
+        return [Passage("Outcomes", [_nominal_sentence(study), f"{_NO_EVIDENCE}."])]
+    found: list[Table | Passage] = [_outcome_table(study)]
+    if len(study.branches) > 1:
+        found.append(_branch_table(study))
+    if study.overall.num_ranked:
+        found.append(Passage("What the ranks mean", _ranking_texts(study)))
+    return found
+
+
+def _nominal_sentence(study: Study) -> str:
+    """What became of nominal drives."""
+    unseen = f"; not always monitored: {', '.join(study.not_monitored)}" if study.not_monitored else ""
+    overall = study.overall
+    return (
+        f"Of nominal drives {_percent(overall.completed)} % completed their route, {_percent(overall.clean)} % "
+        f"without a collision or an infraction{unseen}."
+    )
+
+
+def _outcome_table(study: Study) -> Table:
+    """Outcomes of the families of all groups."""
+    overall = study.overall
+    title = f"Outcomes of {counted(overall.num_groups, 'integrity-complete group')}, % of each family"
     shares = {f"collides within {_WINDOW}": overall.collided_in_window, "collides ever": overall.collided}
     if overall.num_ranked:
         ranked = counted(overall.num_ranked, "ranked group")
         shares |= {f"has the best of {ranked}": overall.best, f"has the worst of {ranked}": overall.worst}
     families = list(overall.best)
     rows = [[name, *(_percent(rates[family]) for family in families)] for name, rates in shares.items()]
-    print_section(console, Table(title, [Column.name("outcome"), *map(Column, families)], rows, [nominal]))
-    if len(study.branches) > 1:
-        console.print()
-        print_section(console, _branch_table(study))
-    if overall.num_ranked:
-        _print_ranking(console, study)
+    return Table(title, [Column.name("outcome"), *map(Column, families)], rows, [_nominal_sentence(study)])
 
 
 def _branch_table(study: Study) -> Table:
@@ -149,10 +191,11 @@ def _skipped(population: CollectedGroups) -> str:
     return f"; {skipped:,} skipped: {', '.join(reasons)}"
 
 
-def _print_population(console: Console, population: CollectedGroups) -> None:
+def _population_facts(population: CollectedGroups) -> dict[str, str]:
+    """What was collected, by what it is called."""
     hours = population.num_ticks * TICK_S / 3600
     complete = f"{population.num_integrity_complete:,} integrity-complete{_skipped(population)}"
-    facts = {
+    return {
         "branch groups": f"{population.num_groups:,}, {complete}",
         "scenario types": f"{len(population.scenario_types):,}: {_listed(population.scenario_types)}",
         "towns": f"{len(population.towns):,}: {_listed(population.towns)}",
@@ -161,8 +204,11 @@ def _print_population(console: Console, population: CollectedGroups) -> None:
         "attempts": f"{sum(population.attempts.values()):,}: {_listed(population.attempts)}",
         "ticks": f"{population.num_ticks:,}, {hours:,.1f} hours of driving",
     }
+
+
+def _print_population(console: Console, population: CollectedGroups) -> None:
     _title(console, "Population")
-    print_facts(console, facts.items())
+    print_facts(console, _population_facts(population).items())
 
 
 def _percent(rate: Rate, *, is_whole: bool = False) -> str:
@@ -229,11 +275,17 @@ def _print_outcomes(console: Console, study: Study) -> None:
 
 def _print_ranking(console: Console, study: Study) -> None:
     """What the ranks mean, and how often the best candidate collides."""
+    meaning, collisions = _ranking_texts(study)
+    console.print(Text(meaning, style="dim"))
+    console.print(Text(collisions))
+
+
+def _ranking_texts(study: Study) -> tuple[str, str]:
     rates = (study.overall.best_collided_in_window, study.overall.best_collided)
     within, ever = (_percent(rate, is_whole=_are_whole(rates)) for rate in rates)
-    console.print(Text(_RANKING.format(study.profile), style="dim"))
     groups = counted(study.overall.num_ranked, "ranked group")
-    console.print(Text(f"The best candidate collides within {_WINDOW} in {within} % of {groups}, ever in {ever} %."))
+    collisions = f"The best candidate collides within {_WINDOW} in {within} % of {groups}, ever in {ever} %."
+    return _RANKING.format(study.profile), collisions
 
 
 def _rate_table(
@@ -289,10 +341,16 @@ def _print_spreads(console: Console, subject: str, spreads: Sequence[Spread]) ->
 
 
 def _print_equality(console: Console, study: Study) -> None:
+    text, style = _equality_text(study)
+    console.print()
+    console.print(Text(text, style=style))
+
+
+def _equality_text(study: Study) -> tuple[str, str]:
+    """Whether nominal replays repeat their nominals, and how a terminal shows it."""
     equality = study.equality
     num, unequal = equality.num_compared, equality.num_compared - equality.num_equal
     tables = ", ".join(equality.differing)
-    console.print()
     if not num:
         text, style = "No nominal replay could be compared bit by bit with its nominal.", "yellow"
     elif not unequal:
@@ -306,4 +364,4 @@ def _print_equality(console: Console, study: Study) -> None:
     if alone := equality.num_replays - num:
         text += f" {alone:,} more {'lacks' if alone == 1 else 'lack'} a complete nominal or "
         text += f"{'is' if alone == 1 else 'are'} not complete."
-    console.print(Text(text, style=style))
+    return text, style

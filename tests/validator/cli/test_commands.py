@@ -25,8 +25,9 @@ def run(args, stdout, stderr):
     return 3
 """
 WORKFLOW = (
-    "init", "collect", "staging", "merge", "render", "study", "draw", "show", "validate", "pilot", "diff", "rules",
-    "build", "benchmark", "train", "lock", "predict", "evaluate", "export", "latency",
+    "init", "collect", "staging", "merge", "render", "inspect", "study", "report", "draw", "show", "rerun", "validate",
+    "pilot", "diff", "columns", "rules", "build", "pack", "upload", "metadata", "benchmark", "train", "lock", "predict",
+    "evaluate", "export", "latency", "completion",
 )  # fmt: skip
 ENTRIES = """[branchdrive.commands]
 wheels = third_party_wheels
@@ -60,7 +61,7 @@ def test_a_command_of_another_distribution_is_run(installed: None) -> None:
 
 def test_it_explains_itself(installed: None, capsys: pytest.CaptureFixture[str]) -> None:
     text = help_of(run, "wheels", "--help", capsys=capsys)
-    assert text.startswith("usage: branchdrive wheels [-h] [--wheels WHEELS]\n")
+    assert text.startswith("usage: branchdrive wheels [-h] [--wheels WHEELS] [--version]\n")
     assert "count the wheels of a dataset" in text
 
 

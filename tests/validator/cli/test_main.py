@@ -105,7 +105,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     [
         ([], "the following arguments are required: COMMAND"),
         (["nonsense"], "invalid choice: 'nonsense'; there are `benchmark`, `build`, "),
-        (["colect"], "invalid choice: 'colect'; did you mean 'collect'?"),
+        (["colect"], "invalid choice: 'colect'; did you mean 'collect'"),
         (["--nonsense"], "branchdrive: "),
         (["rules", "nonsense"], "no rule is called 'nonsense'; `branchdrive rules` lists them all"),
         (["rules", "BD-VAL-999"], "no rule is called 'BD-VAL-999'"),

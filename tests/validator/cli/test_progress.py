@@ -39,5 +39,32 @@ def test_a_terminal_has_a_bar_instead(monkeypatch: pytest.MonkeyPatch) -> None:
     assert elsewhere.getvalue() == ""
 
 
+def test_without_a_terminal_there_is_a_line_a_minute() -> None:
+    stderr, moments = io.StringIO(), iter([0.0, 59.0, 60.0, 100.0, 120.0, 130.0])
+    with progress_bar(stderr, "validating shards", clock=lambda: next(moments)) as show:
+        for done in (1, 2, 30, 40, 41):
+            show(done, 100, "raw")
+    lines = ["validating shards raw: 2 of 100, 2.0/min, about 49 min left",
+             "validating shards raw: 40 of 100, 20.0/min, about 3 min left"]  # fmt: skip
+    assert stderr.getvalue().splitlines() == lines
+
+
+def test_the_rate_of_other_work_is_its_own() -> None:
+    stderr, moments = io.StringIO(), iter([0.0, 50.0, 300.0, 360.0])
+    with progress_bar(stderr, "building", clock=lambda: next(moments)) as show:
+        show(10, 10, "model")
+        show(0, 30, "leakage")
+        show(10, 30, "leakage")
+    assert stderr.getvalue().splitlines() == [
+        "building leakage: 0 of 30", "building leakage: 10 of 30, 10.0/min, about 2 min left",
+    ]  # fmt: skip
+
+
+def test_a_line_that_cannot_be_written_stops_no_work() -> None:
+    moments = iter([0.0, 61.0])
+    with progress_bar(Full(), "building", clock=lambda: next(moments)) as show:
+        show(0, 0)
+
+
 def test_a_full_disk_stops_no_work() -> None:
     part_lines(Full(), "timing")("M1")

@@ -121,10 +121,15 @@ def test_content_of_groups_and_layers() -> None:
     (group,) = CONTENT["groups"].values()
     assert found == group["blocks"]
     groups = group_content(view)
-    assert groups == {one: case["sha256"] for one, case in CONTENT["groups"].items()}
+    assert groups is not None
+    assert dict(zip(view.group_ids, (one.tobytes().hex() for one in groups), strict=True)) == {
+        one: case["sha256"] for one, case in CONTENT["groups"].items()
+    }
     (town,) = set(tables["map"]["town"].to_pylist())
     assert CONTENT["maps"] == {f"map {town}": table_digest("map", tables["map"])}
-    facts = ShardFacts("raw/shard-00000", groups=groups, maps={town: table_digest("map", tables["map"])})
+    facts = ShardFacts(
+        "raw/shard-00000", group_ids=view.group_ids, groups=groups, maps={town: table_digest("map", tables["map"])}
+    )
     documents = {path: document_digest(case["value"]) for path, case in CONTENT["documents"].items()}
     parts = {"canonical/attempts-00000.parquet": table_digest("attempts", stored("attempts")), **documents}
     assert parts == CONTENT["parts"]

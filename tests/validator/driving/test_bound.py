@@ -49,7 +49,7 @@ def ttc_s(pairs: PairRisk) -> Array:
 def test_bounds_never_exceed_what_they_bound(scene: list[tuple[float, ...]]) -> None:
     bounds, pairs = judged(scene)
     assert (bounds.gap_m <= pairs.gap_m).all()
-    assert (bounds.ttc_s <= ttc_s(pairs)).all()
+    assert not (bounds.ttc_s > ttc_s(pairs)).any()  # NaN bounds nothing
 
 
 def test_bounds_are_met_by_points_on_a_collision_course() -> None:
@@ -66,7 +66,7 @@ def test_what_recedes_never_closes() -> None:
 def test_what_may_overlap_is_not_bounded() -> None:
     bounds, _ = judged([(0, 0, 0, 4, 2, 1, 1, 0, 4, 2, 0, 0, 0)])
     assert bounds.gap_m[0] < 0
-    assert bounds.ttc_s[0] <= 0
+    assert not bounds.ttc_s[0] > 0
 
 
 def test_no_number_bounds_nothing() -> None:

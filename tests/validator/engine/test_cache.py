@@ -289,6 +289,9 @@ def test_a_cache_does_not_serve_every_validation(tmp_path: Path) -> None:
         stderr = StringIO()
         assert run(["validate", str(root), *arguments], StringIO(), stderr) == 2
         assert "--recheck" in stderr.getvalue()
+    stderr = StringIO()
+    assert run(["validate", str(root), "--cache", "s3://bucket/cache"], StringIO(), stderr) == 2
+    assert "needs a folder of this machine" in stderr.getvalue()
 
 
 @pytest.mark.parametrize("is_of_another_user", [False, True])

@@ -216,3 +216,19 @@ def test_text_of_a_dataset_is_escaped(text: str, shown: str) -> None:
 def test_quoted_values_are_short() -> None:
     assert quote("A" * 10_000) == "'" + "A" * 156 + "..."
     assert quote(0.1) == "0.1"
+
+
+def test_findings_are_a_data_frame(report: Report) -> None:
+    frame = report.to_pandas()
+    assert frame["rule"].tolist() == [finding.rule for finding in report.findings]
+    assert frame["message"].tolist() == [finding.message for finding in report.findings]
+    assert frame["count"].sum() == sum(finding.count for finding in report.findings)
+    groups = [finding.group_id for finding in report.findings]
+    assert [None if group != group else group for group in frame["group_id"].tolist()] == groups
+
+
+def test_a_notebook_shows_the_verdict_and_text_as_text(report: Report) -> None:
+    html = report._repr_html_()
+    assert f"<strong>Verdict: {report.verdict}</strong>" in html
+    assert html.count("<script") == 0
+    assert all(finding.rule in html for finding in report.findings[:50])

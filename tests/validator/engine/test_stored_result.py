@@ -19,11 +19,19 @@ from branchdrive.engine.derived_rules import LayersResult
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.shard import ShardResult
 from branchdrive.engine.stored_result import from_bytes, to_bytes
-from branchdrive.engine.tally import Tally
+from branchdrive.engine.tally import Tallies, Tally
+from branchdrive.files.group_marks import Outlines, Tracks
+from branchdrive.files.identities import Identities
 from branchdrive.raw.funnel import Funnel, GroupOutcome
 
 TEXT = np.array(["a", "\u00e9\n", ""], object)
 MASKED = np.ma.MaskedArray([1.5, math.nan, 3.0], mask=[False, True, False])
+TALLIES = Tallies(
+    {
+        "BD-VAL-003": Tally("BD-VAL-003", 3, 4, is_claimed=False),
+        "BD-VAL-001": Tally("BD-VAL-001", 3, 4, 1, [Finding("BD-VAL-001", {}, 1, "", "")]),
+    }
+)
 VALUES: dict[str, Any] = {
     "numbers": [0, -1, 2**70, 0.1, -0.0, math.inf, True, None],
     "text": ["", "\u202e\ud800", "a" * 300],
@@ -43,7 +51,17 @@ VALUES: dict[str, Any] = {
     "tally": Tally("BD-VAL-001", 3, 4, 1, [Finding("BD-VAL-001", {}, 1, "", "")], unjudged="no"),
     "mismatches": Mismatches(3, [Mismatch({"row": 3}, "a", "b")]),
     "funnel": Funnel(2, Counter({"bank": 1}), {"bank": Counter({"BD-BNK-001": 1})}, [GroupOutcome("g", rules=("r",))]),
-    "shard": ShardResult("raw/shard-00000", sights={"front": Sights(np.zeros(1), np.ones(1, bool), np.ones(1))}),
+    "identities": Identities(["g-1", "", "\ud800\n"]),
+    "tallies": TALLIES,
+    "tracks": Tracks(Identities(["g"]), np.zeros(2, np.int32), np.array([1, 2**64 - 1], np.uint64)),
+    "outlines": Outlines(Identities(["g"]), np.zeros(1, np.int32), np.array([[math.nan, 0.5]])),
+    "shard": ShardResult(
+        "raw/shard-00000",
+        rollout_ids=Identities(["a"]),
+        groups=np.arange(64, dtype=np.uint8).reshape(2, 32),
+        sights={"front": Sights(np.zeros(1), np.ones(1, bool), np.ones(1))},
+        tallies=TALLIES,
+    ),
     "responses": Responses.none(),
     "track ends": TrackEnds.none(),
     "layers": LayersResult({"BD-CAN-001": Tally("BD-CAN-001")}, {"stages": [{"total": 3}]}),
@@ -100,7 +118,9 @@ def test_other_bytes_are_refused_or_of_a_value(content: bytes) -> None:
 @pytest.mark.parametrize(
     "document",
     ['{"array":["O",[1]]}', '{"array":["<f8",[9]]}', '{"array":["<f8",[-1]]}', '{"_class__":[]}', '{"value":1}',
-     '{"Tally":{"nothing":1}}', '{"a":1,"b":2}', '{"system":["ls"]}', '{"array":["V8",[1]]}', "[" * 100_000],
+     '{"Tally":{"nothing":1}}', '{"Identities":{"texts":[1]}}', '{"Tallies":{"tallies":{"map":[["BD-NO-001",1]]}}}',
+     '{"Tallies":{"tallies":{"map":[["BD-VAL-001",{"Tally":{"rule_id":"BD-VAL-001","total":99999999999999999999}}]]}}}',
+     '{"a":1,"b":2}', '{"system":["ls"]}', '{"array":["V8",[1]]}', "[" * 100_000],
 )  # fmt: skip
 def test_documents_of_another_form_are_refused(document: str) -> None:
     content = len(document).to_bytes(8, "little") + document.encode() + bytes(8)

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from branchdrive.errors import DatasetError
-from branchdrive.formats.folder import Entry, Folder
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.named_file import read_named_file
+from branchdrive.formats.store import Entry
 
 
 @pytest.fixture

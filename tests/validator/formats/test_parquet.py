@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import random
+from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 
@@ -15,7 +16,7 @@ from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.errors import DecodeError, LimitError
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform
-from branchdrive.formats.untrusted_parquet import decode_table
+from branchdrive.formats.untrusted_parquet import decode_table, promised_rows
 
 
 def controls(num_rows: int = 300) -> pa.Table:
@@ -165,3 +166,26 @@ def test_damaged_bytes_decode_or_raise_a_decode_error(seed: int) -> None:
             assert str(error).isprintable()
             assert len(str(error)) < 300
     assert num_refused > 50
+
+
+def test_rows_are_promised_by_the_footer_alone() -> None:
+    content = encode_table(controls())
+    assert promised_rows(BytesIO(content)) == 300
+    footer = int.from_bytes(content[-8:-4], "little") + 8
+    assert promised_rows(BytesIO(bytes(len(content) - footer) + content[-footer:])) == 300
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1PAR1", bytes(100), b"x" * 92 + b"\xff\xff\xff\x7fPAR1"])
+def test_what_has_no_footer_promises_nothing(content: bytes) -> None:
+    with pytest.raises(DecodeError, match="footer"):
+        promised_rows(BytesIO(content))
+
+
+def test_a_damaged_footer_promises_nothing_or_a_number() -> None:
+    content, generator = encode_table(controls()), random.Random(1)
+    footer = int.from_bytes(content[-8:-4], "little")
+    for _ in range(200):
+        damaged = bytearray(content)
+        damaged[-8 - generator.randrange(1, footer)] ^= 1 << generator.randrange(8)
+        with suppress(DecodeError):
+            assert isinstance(promised_rows(BytesIO(damaged)), int)

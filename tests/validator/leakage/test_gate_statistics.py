@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 import tracemalloc
+from itertools import chain
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import kstest
 from tests.validator.leakage.samples import exchangeable
 
+from branchdrive.leakage.draw import ranges_of
 from branchdrive.leakage.gate_statistics import GateStatistics, chunk_length
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Layout
@@ -146,3 +150,29 @@ def test_memory_is_bounded_in_permutations() -> None:
         assert tracemalloc.get_traced_memory()[1] < scratch_bytes + 2**20
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(("count", "unit"), [(0, 3), (1, 3), (64, 1), (65, 1), (9_999, 37), (1_000_000, 400)])
+def test_ranges_are_of_whole_units_and_hold_every_number_once(count: int, unit: int) -> None:
+    ranges = ranges_of(count, unit)
+    assert [*chain(*ranges)] == [*range(count)]
+    assert len(ranges) <= 64
+    assert all(each.start % unit == 0 for each in ranges)
+
+
+def test_who_draws_a_range_decides_no_bit() -> None:
+    statistics = GateStatistics.of(exchangeable(12, 4, 3, seed=2), SMALL, seed=1)
+    drawn: list[int] = []
+
+    def elsewhere(function: Any, subject: Any, ranges: Any) -> Any:
+        drawn.extend(map(len, ranges))
+        copies = {
+            place: function(pickle.loads(pickle.dumps(subject)), ranges[place]) for place in range(len(ranges))[::-1]
+        }
+        return [copies[place] for place in range(len(ranges))]
+
+    for start in (0, 7):
+        here = statistics.null(200, seed=3, scratch_bytes=20_000, start=start)
+        there = statistics.null(200, seed=3, scratch_bytes=20_000, start=start, draw=elsewhere)
+        assert here.tobytes() == there.tobytes()
+    assert len(drawn) > 4

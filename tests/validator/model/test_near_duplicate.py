@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from branchdrive.model import near_duplicate
-from branchdrive.model.near_duplicate import history_vectors, near_duplicates, nearest_other
+from branchdrive.model.near_duplicate import (
+    Nearest,
+    history_vectors,
+    judged_distances,
+    near_duplicates,
+    nearest_in_training,
+    nearest_other,
+)
 
 
 def oracle(points: list[list[float]], labels: list[int]) -> list[tuple[float, int]]:
@@ -47,6 +54,21 @@ def test_the_plain_search_agrees_where_most_points_are_equal(rows: list[tuple[in
     expected = oracle(points, labels)
     assert found.row.tolist() == [row for _, row in expected]
     assert found.distance.tolist() == [distance for distance, _ in expected]
+
+
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_ranges_of_points_find_what_all_of_them_find(size: int) -> None:
+    rng = np.random.default_rng(3)
+    points, homes = rng.normal(size=(60, 5)), np.array(["train", "val", "test"])[rng.integers(0, 3, 60)]
+    points[40:50] = points[:10]
+    in_training, labels = homes == "train", np.unique(homes, return_inverse=True)[1]
+    rows = [slice(start, start + size) for start in range(0, 60, size)]
+    found = Nearest(*map(np.concatenate, zip(*(nearest_other(points, labels, each) for each in rows), strict=True)))
+    own = np.concatenate([nearest_in_training(points, in_training, each) for each in rows])
+    whole = near_duplicates(points, homes.tolist())
+    parts = judged_distances(own, found)
+    assert (parts.threshold, parts.flagged.tolist()) == (whole.threshold, whole.flagged.tolist())
+    assert [column.tolist() for column in parts.nearest] == [column.tolist() for column in whole.nearest]
 
 
 def test_equal_points_are_compared_with_few_of_each_other(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,8 +20,13 @@ from branchdrive.driving.history import HistoryInput
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import ModelArrays, pack_arrays
-from branchdrive.model.normalisation import fit_state, fit_targets, fit_trajectory, training
-from branchdrive.model.normalisation_document import normalisation_document, normalisation_mismatches, scalings_of
+from branchdrive.model.normalisation import Training, fit_state, fit_targets, fit_trajectory, training
+from branchdrive.model.normalisation_document import (
+    fit_table,
+    normalisation_document,
+    normalisation_mismatches,
+    scalings_of,
+)
 from branchdrive.statistics.split import split_digest
 
 FRAMES = make_frames()
@@ -39,6 +44,17 @@ def test_the_document_says_on_what_it_was_fitted() -> None:
     assert (DOCUMENT["partition"], DOCUMENT["num_groups"]) == ("train", 3)
     sizes = {name: len(DOCUMENT[name]) for name in ("state", "past_controls", "expert", "scalars", "trajectories")}
     assert sizes == {"state": 21, "past_controls": 3, "expert": 4, "scalars": 6, "trajectories": 50}
+
+
+def test_a_step_of_trajectories_is_scaled_as_with_all_others() -> None:
+    rng = np.random.default_rng(0)
+    paths = rng.normal(size=(37, 29, 10, 5))
+    fitted_on = Training(np.ones(37, bool), "")
+    whole = fit_table("trajectories", paths, fitted_on)
+    for step in range(10):
+        alone = fit_table("trajectories", np.ascontiguousarray(paths[:, :, step : step + 1]), fitted_on)
+        assert (alone.offset == whole.offset[step]).all()
+        assert (alone.scale == whole.scale[step]).all()
 
 
 def test_numbers_come_back_from_json_to_the_bit() -> None:

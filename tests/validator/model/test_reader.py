@@ -38,6 +38,8 @@ from branchdrive import (
 )
 from branchdrive.contract.columns import LAYER_TABLES, table_schema
 from branchdrive.contract.layer import LAYERS
+from branchdrive.driving.target import TARGETS, Targets
+from branchdrive.driving.utility import PROFILES, fit_scale, utility
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import join_parts, parts_of
 from branchdrive.model.features import features_document
@@ -341,3 +343,25 @@ def test_a_dataset_without_a_model_layer_names_the_command(tmp_path: Path) -> No
         open_model(tmp_path / "dataset")
     with pytest.raises(DatasetError, match="is not a folder"):
         open_model(tmp_path / "nothing")
+
+
+def test_outcomes_are_the_targets_with_a_utility_for_every_profile(layer: ModelLayer) -> None:
+    found = layer.outcomes("val")
+    assert found.column_names == [
+        "group_id",
+        "action_key",
+        *(t.name for t in TARGETS),
+        *(f"utility_{p}" for p in PROFILES),
+    ]
+    targets, train = layer.targets("val"), layer.targets("train")
+    assert found["group_id"].to_pylist() == [group for group in layer.groups("val") for _ in CANDIDATES]
+    assert found["action_key"].to_pylist() == [*CANDIDATES] * len(layer.groups("val"))
+    for place, target in enumerate(TARGETS):
+        values, there = targets.scalars[..., place].ravel(), targets.scalars_available[..., place].ravel()
+        expected = [float(value) if is_there else None for value, is_there in zip(values, there, strict=True)]
+        assert found[target.name].to_pylist() == expected
+    scale = fit_scale(Targets(train.scalars, train.scalars_available))
+    worth = utility(Targets(targets.scalars, targets.scalars_available), scale, PROFILES["safety"]).ravel()
+    known = [None if np.isnan(value) else value for value in worth.tolist()]
+    assert found["utility_safety"].to_pylist() == known
+    assert None in known

@@ -9,11 +9,32 @@ import pytest
 from tests.validator.quality.release import NUM_POLICIES, concat, numbered, pairs_of, reaching, shuffled
 
 from branchdrive.contract.document import schema_mismatches
-from branchdrive.quality.fidelity import threshold_document, thresholds_of, with_passes
-from branchdrive.quality.filtering import filtering_document
+from branchdrive.quality.fidelity import (
+    fitting_groups,
+    largest_of,
+    passing_counts,
+    retention_document,
+    retention_document_of,
+    threshold_document,
+    threshold_document_of,
+    thresholds_of,
+    with_passes,
+)
+from branchdrive.quality.filtering import (
+    FilterFigures,
+    filtering_document,
+    filtering_document_of,
+    largest_matched,
+    matched_thresholds,
+    mean_share,
+    shares_above,
+)
+from branchdrive.quality.partition import assignment_of
 from branchdrive.quality.replay_frames import FRAMED, MATCHED
 from branchdrive.quality.text import filtering_sentences
 from branchdrive.quality.threshold import VARIABLES
+from branchdrive.statistics.split import split_digest
+from branchdrive.tables.frame import take
 
 NUM_ACTIONS = NUM_POLICIES - 1
 GROUPS = numbered(
@@ -152,3 +173,52 @@ def test_the_order_of_rows_decides_nothing_and_a_missing_row_is_named() -> None:
     fewer = {name: values[1:] for name, values in frames(found_pairs).items()}
     with pytest.raises(ValueError, match=r"the pair of 'train-0000\.action_00' has no frames"):
         filtering_document(found_pairs, GROUPS, fewer, thresholds)
+
+
+def test_parts_give_the_document_of_all_groups() -> None:
+    found, others = pairs(throttle=WIDE), np.random.default_rng(1)
+    count = len(found["rollout_id"])
+    every = frames(
+        found,
+        above_steer=others.integers(0, 81, count) / 80,
+        variation_speed_mps=np.where(others.random(count) < 0.2, np.nan, others.random(count)),
+        largest_matched_vehicle_gap_m=others.random(count),
+    )
+    thresholds, assignment = threshold_document(found, GROUPS), assignment_of(GROUPS)
+    training = fitting_groups(GROUPS, assignment)
+    halves = [sorted(assignment)[::2], sorted(assignment)[1::2]]
+    fitted = [[group for group in training if group in half] for half in halves]
+    parts = [take(found, np.isin(found["group_id"], half)) for half in halves]
+    matched = matched_thresholds([largest_matched(p, every, f) for p, f in zip(parts, fitted, strict=True)])
+    above = [shares_above(p, every, f) for p, f in zip(parts, fitted, strict=True)]
+    figures = [
+        FilterFigures.of(p, every, a, f, half, thresholds, matched)
+        for p, a, f, half in zip(parts, above, fitted, halves, strict=True)
+    ]
+    gathered = np.concatenate(above)[np.argsort(np.concatenate(fitted))]
+    means = [mean_share(gathered[:, i]) for i in range(len(FRAMED))]
+    digest = split_digest(assignment)
+    assert filtering_document_of(figures, means, thresholds, matched, digest) == filtering_document(
+        found, GROUPS, every, thresholds
+    )
+
+
+def test_parts_give_the_thresholds_and_retention_of_all_groups() -> None:
+    found = pairs(throttle=WIDE)
+    assignment = assignment_of(GROUPS)
+    training, digest = fitting_groups(GROUPS, assignment), split_digest(assignment)
+    parts = [largest_of(found, training[1::2]), largest_of(found, []), largest_of(found, training[::2])]
+    assert threshold_document_of(parts, digest) == threshold_document(found, GROUPS)
+    order = [*assignment][1::2], [*assignment][::2]
+    counts = np.concatenate([passing_counts(found, groups) for groups in order])
+    homes = [assignment[group] for groups in order for group in groups]
+    options: dict[str, Any] = {"thresholds_digest": digest, "split_digest": digest, "seed": 3}
+    assert retention_document_of(counts, homes, **options) == retention_document(found, GROUPS, **options)
+
+
+def test_parts_of_different_banks_have_no_thresholds() -> None:
+    found = pairs()
+    training = fitting_groups(GROUPS, assignment_of(GROUPS))
+    fewer = take(found, found["action_key"] != found["action_key"][0])
+    with pytest.raises(ValueError, match="of two training groups one alone has a pair of 'action_00'"):
+        threshold_document_of([largest_of(found, training[:3]), largest_of(fewer, training[3:])], "")

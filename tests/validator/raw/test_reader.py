@@ -102,7 +102,7 @@ def test_media_index_is_a_table_like_others(tmp_path: Path) -> None:
 
 def test_wrong_names_are_refused_in_words(written: Path) -> None:
     dataset = open_dataset(written)
-    with pytest.raises(UsageError, match=r"no table 'frames' in this dataset; its streams have \['rollouts'"):
+    with pytest.raises(UsageError, match=r"no table 'frames' in this dataset; there are `rollouts`, "):
         dataset.table("frames")
     tables = dataset.group("g0").nominal.tables
     for name, answer in (("obs", "did you mean 'observations'"), ("zzz", "there are `controls`, `observations`")):

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +20,17 @@ from tests.validator.release.running import QUICK
 from tests.validator.runtime.tasks import sleep_and_tell
 from tests.waiting import wait_for
 
+from branchdrive.engine.spool import Spool
 from branchdrive.errors import ToolError
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
+from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.release import audit_process
 from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
 from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
+from branchdrive.release.spread_draw import SpreadDraw
 from branchdrive.runtime.executor import in_process
 
 
@@ -65,8 +68,25 @@ class Failing:
         return SequenceScores(np.zeros(3), 1, 1)
 
 
+@dataclass(frozen=True)
+class Known:
+    """Inputs that wait nowhere."""
+
+    inputs: ReplayInputs
+
+    def __call__(self) -> ReplayInputs:
+        return self.inputs
+
+
 class Parts(dict[str, dict[str, Any]]):
-    """Parts in memory."""
+    """Parts in memory, of the audit with the first key that is asked for."""
+
+    key = ""
+
+    def __call__(self, key: str) -> Parts:
+        self.key = self.key or key
+        assert key == self.key
+        return self
 
     def put(self, name: str, part: dict[str, Any]) -> None:
         self[name] = part
@@ -75,11 +95,11 @@ class Parts(dict[str, dict[str, Any]]):
 @pytest.fixture(scope="module")
 def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTask]:
     """A task on the groups of the built release."""
-    scan = scan_raw(Folder(built), in_process)
-    bank = scan.descriptor.action_bank
-    quality = load_layers(Folder(built), bank.keys).frames["group_quality"]
-    inputs = replay_inputs(scan.rows["replays"], quality, scan.descriptor)
-    return lambda classifier: AuditTask(inputs, 3, QUICK, classifier)
+    with Spool.temporary() as spool:
+        scan = scan_raw(Folder(built), spool, in_process)
+        quality = load_layers(Folder(built)).rows("group_quality")
+        inputs = replay_inputs(scan.rows["replays"], quality, scan.descriptor)
+    return lambda classifier: AuditTask(Known(inputs), 3, QUICK, classifier)
 
 
 NOBODY = Unavailable("none in this test")
@@ -102,6 +122,26 @@ def test_it_finds_what_an_audit_here_finds(task_of: Any) -> None:
     assert [numbers(document), parts.keys()] == [pytest.approx(numbers(here), rel=1e-6, abs=1e-9), same.keys()]
     assert [step[2] for step in told] == [*parts, "done"]
     assert {step[1] for step in told} == {len(parts)}
+
+
+def test_processes_that_draw_change_no_bit(task_of: Any) -> None:
+    task = task_of(NOBODY)
+    assert audit_in_own_process(replace(task, jobs=2), Parts()) == audit_in_own_process(task, Parts())
+
+
+def refused(_: Any, numbers: range) -> None:
+    raise ValueError(f"not {numbers.start}")
+
+
+def ended(_: Any, numbers: range) -> None:
+    raise MemoryError
+
+
+@pytest.mark.parametrize(("function", "text"), [(refused, "ValueError: not 3"), (ended, "give it more memory")])
+def test_a_range_that_is_not_drawn_is_told(function: Any, text: str, tmp_path: Path) -> None:
+    draw = SpreadDraw(Spool(tmp_path), in_process)
+    with pytest.raises(ToolError, match=text):
+        draw(function, "subject", [range(3, 5)])
 
 
 def numbers(document: Any) -> list[float]:

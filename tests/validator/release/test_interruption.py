@@ -23,6 +23,7 @@ from branchdrive.contract.layout import STAGING_DIR
 from branchdrive.errors import UsageError
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage import audit
+from branchdrive.release import built_layers
 from branchdrive.release import leakage as stored
 from branchdrive.release import publish as publication
 from branchdrive.release.publish import staging
@@ -33,7 +34,7 @@ class PowerCut(BaseException):
 
 
 def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
-    """Let the power fail after so many steps of publication; returns how many were taken."""
+    """Let the power fail after so many steps that write, move or delete a file; returns how many were taken."""
     taken = count()
     last = [0]
 
@@ -48,6 +49,7 @@ def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
 
     for name in ("move", "write_file", "delete"):
         monkeypatch.setattr(publication, name, counted(getattr(publication, name)))
+    monkeypatch.setattr(built_layers, "write_file", counted(built_layers.write_file))  # of tables, part by part
     monkeypatch.setattr(Folder, "replace", counted(Folder.replace))  # of descriptor and manifest
     return lambda: last[0]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from tests.synthetic import seal_dataset
-from tests.validator.release.running import build, derived
+from tests.validator.release.running import build, contents, derived
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import parse_json
@@ -18,12 +18,14 @@ from branchdrive.contract.layer import LAYERS, part_of, table_file, table_path, 
 from branchdrive.diff.compare import compare_datasets
 from branchdrive.engine.derived_rules import judge_part
 from branchdrive.engine.report import Report
+from branchdrive.engine.spool import SpooledFrames
 from branchdrive.engine.validate import validate
+from branchdrive.errors import UsageError
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform, join_parts, read_layer_table, read_table
 from branchdrive.model.reader import open_model
-from branchdrive.runtime.executor import in_process
+from branchdrive.runtime.executor import in_process, isolated
 from branchdrive.tables.arrow import from_arrow
 
 SHARDS = {
@@ -74,6 +76,55 @@ def test_a_row_is_in_the_part_of_the_shard_of_its_group(two_parts: Path) -> None
             continue
         assert {part_of(shards[group]) for group in rows["group_id"].tolist()} <= {file.part}
         assert len(rows["group_id"]) or path == table_path(file.table, file.partition)
+
+
+def test_workers_and_this_process_build_the_same_parts(raw: Path, two_parts: Path, tmp_path: Path) -> None:
+    root = shutil.copytree(two_parts, tmp_path / "dataset")
+    for path in tables(root):
+        (root / path).unlink()
+    build(root, executor=isolated(2))
+    assert contents(root) == contents(two_parts)
+
+
+@pytest.mark.parametrize(("most", "starts"), [(10**6, False), (0, True)])
+def test_a_few_groups_of_one_part_start_no_process(
+    most: int, starts: bool, raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[str] = []
+
+    def noted(function: Any, tasks: Any) -> Any:
+        called.append(function.__name__)
+        return in_process(function, tasks)
+
+    monkeypatch.setattr("branchdrive.release.stage_work.MAX_GROUPS_HERE", most)
+    build(shutil.copytree(raw, tmp_path / "dataset"), stages=["canonical"], executor=noted)
+    assert ("canonical_part" in called) == starts
+
+
+def test_a_stage_refuses_layers_whose_shards_were_renumbered_since(two_parts: Path, raw: Path, tmp_path: Path) -> None:
+    output = tmp_path / "release"
+    build(raw, output=output)
+    with pytest.raises(UsageError, match=r"part 0 of the layers holds other groups than its shards; start with the st"):
+        build(two_parts, output=output, stages=["model"])
+    build(two_parts, output=output)
+    assert derived(output) == derived(two_parts)
+
+
+def test_no_table_waits_in_the_builder(raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows of one part are read at a time, by whoever works on it, and never those of all."""
+    taken: list[tuple[str, int]] = []
+    read = SpooledFrames.__getitem__
+
+    def noted(frames: SpooledFrames, name: str) -> Any:
+        taken.append((name, len(frames._shards)))
+        return read(frames, name)
+
+    root = shutil.copytree(raw, tmp_path / "dataset")
+    monkeypatch.setattr(SpooledFrames, "__getitem__", noted)
+    monkeypatch.setattr("branchdrive.release.scan.part_of", lambda folder: int(folder[-5:]))
+    build(root, stages=["canonical", "quality"])
+    assert {name for name, num_shards in taken if num_shards > 1} == {"routes"}
+    assert {"pairs", "records", "state"} <= {name for name, _ in taken}
 
 
 def test_the_release_is_valid_and_equals_that_of_one_part_but_for_names_of_shards(two_parts: Path, built: Path) -> None:

@@ -14,6 +14,7 @@ from tests.validator.release.running import build, contents
 from tests.validator.writer.invented import write_dataset as write_small
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, STAGING_DIR
+from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
@@ -166,7 +167,8 @@ def test_a_working_folder_that_others_could_fill_is_made_anew(dataset: Path, mod
 
 
 def test_a_scan_of_a_release_is_unchanged_by_its_own_layers(release: Path) -> None:
-    scan = scan_raw(Folder(release), in_process)
+    with Spool.temporary() as spool:
+        scan = scan_raw(Folder(release), spool, in_process)
     builder.check_unchanged(scan)
     (release / MANIFEST_FILE).unlink()
     with pytest.raises(DatasetError, match="was changed"):

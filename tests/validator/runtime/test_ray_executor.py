@@ -23,6 +23,14 @@ from tests.waiting import wait_for
 
 from branchdrive.cli.main import run
 from branchdrive.contract.limits import spec_limits
+from branchdrive.engine import cache as cache_module
+from branchdrive.engine.shard import ShardTask, audit_shard
+from branchdrive.engine.spool import Spool
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.pack import pack_dataset
+from branchdrive.formats.place import open_store
+from branchdrive.formats.private_folder import PrivateFolder
+from branchdrive.runtime.ray_executor import _places
 
 needs_ray = pytest.mark.skipif(
     find_spec("ray") is None, reason="NOT TESTED: Ray is not installed, 80 MB; `make ray` installs it and runs this"
@@ -147,6 +155,17 @@ def test_without_ray_the_command_says_how_to_install_it(valid_root: Path, monkey
     stderr = StringIO()
     assert run(["validate", str(valid_root), "--executor", "ray"], StringIO(), stderr) == 4
     assert "pip install" in stderr.getvalue() and "ray" in stderr.getvalue()
+
+
+def test_folders_of_datasets_and_spools_are_found_in_tasks(valid_root: Path, tmp_path: Path) -> None:
+    archive = tmp_path / "archives/dataset.zip"
+    archive.parent.mkdir()
+    pack_dataset(Folder(valid_root), archive)
+    spool = Spool(tmp_path / "spool")
+    for store, folder in ((Folder(valid_root), valid_root), (open_store(archive), archive.parent)):
+        task = ShardTask(store, "raw/shard-00000", (), None, frozenset(), is_hashed=True, spool=spool)
+        once = cache_module._Task(audit_shard, task, PrivateFolder(tmp_path / "cache"), 0.0, 1, None)
+        assert {*_places(once)} == {folder, spool.folder, tmp_path / "cache"}
 
 
 @pytest.mark.parametrize("name", ["spark", "local:1", "", "ray2"])

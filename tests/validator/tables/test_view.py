@@ -125,3 +125,54 @@ def test_rows_are_found_for_rows_of_another_stream(others: list[tuple[str, int]]
     expected = stream.find(other.rollout, other.tick)
     assert stream.rows_of(other).tolist() == expected.tolist()
     assert stream.rows_of_moments(other).tolist() == expected[other.moments].tolist()
+
+
+@pytest.mark.parametrize("column", ["separation_m", "separation_actor_id", "collision"])
+@pytest.mark.parametrize("start", [0, 3, 8])
+def test_columns_with_nulls_are_filled_and_stay_in_the_table_as_they_were(column: str, start: int) -> None:
+    kind = table_schema("evidence").field(column).type
+    values = [None if i % 3 == 0 else (i % 2 == 0 if pa.types.is_boolean(kind) else i) for i in range(20)]
+    array = pa.array(values, kind)[start:]
+    view = TableView("evidence", pa.table({column: array}))
+    assert view[column].tolist() == [0 if value is None else value for value in values[start:]]
+    assert view.valid(column).tolist() == [value is not None for value in values[start:]]
+    assert view.num_nulls(column) == array.null_count
+    assert view.arrow[column].combine_chunks().equals(array)
+
+
+def test_nulls_hold_no_numbers_that_somebody_left_there() -> None:
+    left = pa.Array.from_buffers(pa.int32(), 3, [pa.py_buffer(b"\5"), pa.py_buffer(np.array([1, 7, 3], "<i4"))])
+    view = TableView("evidence", pa.table({"separation_actor_id": left}))
+    assert view["separation_actor_id"].tolist() == [1, 0, 3]
+
+
+def test_cells_of_lists_are_told_apart_by_their_bits() -> None:
+    cells = [[1.0, 2.0], [1.0], [], [1.0, 2.0], [0.0], [-0.0]]
+    view = TableView("rollouts", pa.table({"route_x_m": pa.array(cells, pa.list_(pa.float64()))}))
+    codes = view.cells("route_x_m")
+    assert (codes[:, None] == codes).sum() == len(cells) + 2
+    assert codes[0] == codes[3]
+
+
+@pytest.mark.parametrize(
+    ("ids", "ascends"), [([1, 2, 1], True), ([2, 1, 1], False), ([1, 1, 1], False)], ids=["ascending", "not", "twice"]
+)
+def test_keys_ascend_where_their_parts_do_in_every_moment(ids: list[int], ascends: bool) -> None:
+    table = pa.table({"rollout_id": ["a", "a", "b"], "tick": [0, 0, 0], "actor_id": ids})
+    assert StreamView("actors", table, {"a": 0, "b": 1}, 2).ascends is ascends
+
+
+def test_marked_rows_are_counted_by_rollout() -> None:
+    stream = actors_of([("?", 0), ("a", 0), ("a", 0), ("a", 5), ("c", 0)])
+    marked = np.array([True, False, True, True, False])
+    summary = stream.by_rollout(marked)
+    assert (summary.any.tolist(), summary.count.tolist()) == ([True, False, False, False], [2, 0, 0, 0])
+    assert summary.first_row.tolist() == [2, -1, -1, -1]
+    assert stream.with_rows(np.flatnonzero(marked)).tolist() == [True, False, False, False]
+    assert not stream.by_rollout(~marked & marked).any.any()
+
+
+def test_a_column_with_nulls_is_held_once() -> None:
+    view = TableView("evidence", pa.table({"separation_m": pa.array([1.0, None, 3.0])}))
+    values = view["separation_m"]
+    assert view.arrow["separation_m"].chunk(0).buffers()[1].address == values.ctypes.data

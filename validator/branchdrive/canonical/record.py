@@ -21,11 +21,12 @@ from branchdrive.tables.frame import Values
 if TYPE_CHECKING:
     from branchdrive.raw.examination import Examination
 from collections import Counter
+from collections.abc import Mapping, Sequence
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.tables.frame import Frame
 
-__all__ = ["attempts", "policy_columns", "records", "source_counts"]
+__all__ = ["attempts", "policy_columns", "records", "source_counts", "sum_of_counts"]
 
 _COPIED = (
     "attempt", "protocol_variant", "scenario_type", "town", "route_id", "seed", "repetition", "provenance",
@@ -130,4 +131,14 @@ def source_counts(records: Frame, attempts: Frame) -> dict[str, Any]:
         "records": {**{k: kinds[k] for k in LAYER_TABLES["records"]["kind"].values}, "missing": states["missing"]},
         "states": {word: states[word] for word in LAYER_TABLES["records"]["state"].values},
         "dispositions": {word: dispositions[word] for word in LAYER_TABLES["attempts"]["disposition"].values},
+    }
+
+
+def sum_of_counts(counts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Counts of tables whose rows are those of several, no two of which have rows of one group; exact integers."""
+    return {
+        name: sum_of_counts([part[name] for part in counts])
+        if isinstance(value, Mapping)
+        else sum(part[name] for part in counts)
+        for name, value in counts[0].items()
     }

@@ -32,6 +32,7 @@ from branchdrive.quality.text import (
     calibration_sentences,
     population_sentences,
     target_sentences,
+    threshold_text,
 )
 from branchdrive.text.markdown import grid
 from branchdrive.text.table import Column
@@ -257,7 +258,7 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document, filte
         "",
         *grid(
             [*_texts("Variable", "Criterion"), Column("Threshold")],
-            [[f"`{v['name']}`", v["criterion"], _threshold(v, thresholds)] for v in thresholds["variables"]],
+            [[f"`{v['name']}`", v["criterion"], threshold_text(v, thresholds)] for v in thresholds["variables"]],
         ),
         "",
         *([] if filtering is None else filtering_lines(filtering)),
@@ -277,14 +278,6 @@ def _fidelity(thresholds: Document, retention: Document, ledger: Document, filte
         access_sentence(ledger),
         *benchmark_sentences(ledger),
     ]
-
-
-def _threshold(variable: Document, thresholds: Document) -> str:
-    if not variable["judged"]:
-        return f"not judged: support of {counted(thresholds['pedestrian_support'], 'group')}"
-    if variable["value"] is None:
-        return "any finite value"
-    return f"{variable['value']:.4g} {variable['unit'] or ''}".rstrip()
 
 
 def _retained(row: Document) -> list[str]:

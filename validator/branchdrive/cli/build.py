@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from branchdrive.cli.executor import add_executor_argument, executor_of
+from branchdrive.cli.place import folder, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
+    from branchdrive.formats.bucket import Bucket
     from branchdrive.quality.variants import Variant
     from branchdrive.release.builder import BuildReport
     from branchdrive.statistics.split import Calibration
@@ -42,10 +48,13 @@ def calibration(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="dataset with a finished raw layer")
+    parser.add_argument("dataset", metavar="DATASET", type=folder, help="dataset with a finished raw layer")
     what = parser.add_argument_group("what to build")
     what.add_argument(
-        "--output", metavar="RELEASE", type=Path, help="make a detached release there; it names its raw layer by digest"
+        "--output",
+        metavar="RELEASE",
+        type=place,
+        help="make a detached release there, in a folder or at s3://...; it names its raw layer by digest",
     )
     what.add_argument(
         "--stage",
@@ -89,19 +98,49 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             raise UsageError("`--no-leakage` and `--stage leakage` contradict each other")
         stages = tuple(stage for stage in stages if stage != "leakage")
     options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants))
-    with progress_bar(stderr, "building") as show:
+    with ExitStack() as stack:
+        upload = _upload(args.output, stack)
+        show = stack.enter_context(progress_bar(stderr, "building"))
         report = build_release(
             args.dataset,
-            output=args.output,
+            output=upload.folder if upload else args.output,
             stages=stages,
             drop_leakage=args.no_leakage,
             options=options,
             executor=executor_of(args),
             progress=lambda stage, done, total, note: show(done, total, f"{stage} {note}".strip()),
         )
+        if upload:
+            upload.send(lambda done, total: show(done, total, "uploading"))
+            report = replace(report, target=args.output)
     stdout.write(_render(report, args.format, stdout))
     stdout.flush()
     return 0
+
+
+@dataclass(frozen=True)
+class _Upload:
+    """A release that is built in a temporary folder and then uploaded."""
+
+    folder: Path
+    target: Bucket
+
+    def send(self, progress: Callable[[int, int], None]) -> None:
+        from branchdrive.formats.folder import Folder
+        from branchdrive.formats.upload import upload_dataset
+
+        upload_dataset(Folder(self.folder), self.target, progress)
+
+
+def _upload(output: Path | str | None, stack: ExitStack) -> _Upload | None:
+    """Where a release goes before it is uploaded; ``None`` where it is not. The bucket is asked before it is built."""
+    if not isinstance(output, str):
+        return None
+    from branchdrive.formats.bucket import Bucket
+
+    target = Bucket.for_writing(output)
+    work = stack.enter_context(tempfile.TemporaryDirectory(prefix="branchdrive-build-"))
+    return _Upload(Path(work).resolve() / "release", target)
 
 
 def _calibration(least: tuple[int, int] | None) -> Calibration | None:

@@ -6,10 +6,10 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from branchdrive.cli.links import add_link_arguments
+from branchdrive.cli.place import place
 from branchdrive.contract.text import counted, printable
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ _TITLES = {"quality/population.json": "population", "quality/split.json": "split
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("first", metavar="A", type=Path, help="a dataset")
-    parser.add_argument("second", metavar="B", type=Path, help="another dataset, or the same from elsewhere")
+    parser.add_argument("first", metavar="A", type=place, help="a dataset")
+    parser.add_argument("second", metavar="B", type=place, help="another dataset, or the same from elsewhere")
     parser.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
     add_link_arguments(parser)
 
@@ -39,10 +39,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: One of the datasets cannot be read.
     """
     from branchdrive.diff.compare import compare_datasets
-    from branchdrive.formats.folder import Folder
+    from branchdrive.formats.place import open_store
 
     first, second = (
-        Folder.at(root, follow_links=args.follow_links, allow=args.allow) for root in (args.first, args.second)
+        open_store(root, follow_links=args.follow_links, allow=args.allow) for root in (args.first, args.second)
     )
     found = compare_datasets(first, second)
     if args.format == "json":

@@ -21,17 +21,17 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import NoReturn, Protocol, TextIO
 
-from branchdrive.contract.text import nearest, quote
+from branchdrive.contract.text import nearest, quote, similar
 from branchdrive.errors import BranchDriveError, ToolError, UsageError
 from branchdrive.exit_code import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_USAGE
 from branchdrive.formats.file_error import file_error_text, is_machine_fault
 from branchdrive.runtime.environment import check_environment, extra, import_fault, leave_out_pandas
 
-__all__ = ["main", "run", "run_script", "script_main", "validate_main"]
+__all__ = ["main", "run", "run_script", "script_main", "validate_main", "whole_parser"]
 
 _GROUP = "branchdrive.commands"
 
-_WITHOUT_PANDAS = ("validate", "collect")
+_WITHOUT_PANDAS = ("validate", "collect", "inspect")
 """Commands that need no pandas, and whose libraries all work where it is not installed."""
 
 
@@ -169,7 +169,17 @@ def run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
     return _carry_out("branchdrive", lambda: _run_command(argv, stdout, stderr), stdout, stderr)
 
 
-def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
+def whole_parser() -> argparse.ArgumentParser:
+    """The parser of `branchdrive` with all commands that can be loaded, and their arguments."""
+    parser, subparsers = _commands_parser()
+    subparsers.help = "what to do"  # whoever reads the parser leaves out what is suppressed
+    for name, module_name in _command_modules().items():
+        with suppress(Exception):  # whatever is wrong with the command of another distribution
+            _add_command(subparsers, name, _load(module_name))
+    return parser
+
+
+def _commands_parser() -> tuple[_CommandsParser, argparse._SubParsersAction[_Parser]]:
     parser = _CommandsParser(
         "branchdrive",
         usage="%(prog)s [-h] [--version] COMMAND ...",
@@ -184,18 +194,42 @@ def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
         prog=parser.prog,
         parser_class=_Parser,
     )
+    return parser, subparsers
+
+
+def _add_command(subparsers: argparse._SubParsersAction[_Parser], name: str, command: Command) -> _Parser:
+    parser = subparsers.add_parser(name, description=command.SUMMARY, help=command.SUMMARY)
+    command.add_arguments(parser)
+    if "--version" not in parser._option_string_actions:  # of a command that has its own
+        parser.add_argument("--version", action="version", version=f"branchdrive {version('branchdrive')}")
+    return parser
+
+
+def _parsed(parser: _Parser, argv: Sequence[str], options_of: argparse.ArgumentParser) -> argparse.Namespace:
+    """Parsed arguments; an option that there is not is answered with those that are like it."""
+    args, unknown = parser.parse_known_args(argv)
+    if not unknown:
+        return args
+    words = (word.partition("=")[0] for word in unknown if word.startswith("--"))
+    near = next((found[0] for word in words if (found := similar(word, options_of._option_string_actions))), None)
+    hint = f"; did you mean {near}?" if near else ""
+    return parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+
+
+def _run_command(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
+    parser, subparsers = _commands_parser()
     modules = _command_modules()
     if argv and not argv[0].startswith("-") and argv[0] not in modules:
         parser.error(f"argument COMMAND: invalid choice: {quote(argv[0])}; {nearest(argv[0], sorted(modules))}")
     wanted = next((argument for argument in argv if argument in modules), None)
+    own: argparse.ArgumentParser = parser
     for name, module_name in modules.items():
         if name == wanted:
             with extra(of=f"`{name}`"):
-                command = _load(module_name)
-                command.add_arguments(subparsers.add_parser(name, description=command.SUMMARY))
+                own = _add_command(subparsers, name, _load(module_name))
         else:
             subparsers.add_parser(name, add_help=False)
-    args = parser.parse_args(argv)
+    args = _parsed(parser, argv, own)
     check_environment()
     return _load(modules[args.command]).run(args, stdout, stderr)
 
@@ -208,7 +242,7 @@ def run_script(prog: str, module_name: str, argv: Sequence[str], stdout: TextIO,
         parser = _Parser(prog, description=command.SUMMARY)
         parser.add_argument("--version", action="version", version=f"{prog} {version('branchdrive')}")
         command.add_arguments(parser)
-        args = parser.parse_args(argv)
+        args = _parsed(parser, argv, parser)
         check_environment()
         return command.run(args, stdout, stderr)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.place import folder
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.text import counted
 
@@ -16,9 +16,9 @@ ORDER = 35
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("parts", metavar="DATASET", type=Path, nargs="+", help="finished raw datasets, in any number")
+    parser.add_argument("parts", metavar="DATASET", type=folder, nargs="+", help="finished raw datasets, in any number")
     parser.add_argument(
-        "--output", metavar="FOLDER", type=Path, required=True, help="where the merged dataset goes; must not exist"
+        "--output", metavar="FOLDER", type=folder, required=True, help="where the merged dataset goes; must not exist"
     )
 
 

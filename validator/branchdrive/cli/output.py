@@ -10,12 +10,13 @@ from branchdrive.errors import UsageError
 __all__ = ["check_output"]
 
 
-def check_output(path: Path | None, *, outside: Path | None = None, is_folder: bool = False) -> None:
+def check_output(path: Path | None, *, outside: Path | str | None = None, is_folder: bool = False) -> None:
     """Refuse an `--output` that cannot be written, or that would become part of the dataset that is read.
 
     Args:
         path: What the user gave; ``None``, the terminal, is always fine.
-        outside: Folder of a dataset. Every file in it must be in its manifest, so a new one would break it.
+        outside: Folder of a dataset. Every file in it must be in its manifest, so a new one would break it. At a URL,
+            no file of this machine lies.
         is_folder: Whether a folder is wanted, which may still have to be made, and not a file in one that exists.
 
     Raises:
@@ -34,7 +35,7 @@ def check_output(path: Path | None, *, outside: Path | None = None, is_folder: b
         raise UsageError(  # a file is replaced by renaming another one over it, which would end a device or a link
             f"--output: {str(path)!r} is not a regular file; name a file, or leave --output out and redirect"
         )
-    if outside is not None and _is_dataset(outside) and _lies_in(place, outside):
+    if isinstance(outside, Path) and _is_dataset(outside) and _lies_in(place, outside):
         raise UsageError(
             f"--output: {str(path)!r} lies inside the dataset {str(outside)!r}, which would not be valid with "
             "files of others; name a place outside it"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
@@ -25,7 +26,7 @@ ORDER = 90
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the pilot, a finished dataset of a dozen groups")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="the pilot, a finished dataset of few groups")
     parser.add_argument(
         "--rerun",
         metavar="COMMAND",

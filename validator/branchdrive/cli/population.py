@@ -25,7 +25,10 @@ from branchdrive.quality.text import (
 from branchdrive.text.table import Column, Table
 from branchdrive.text.terminal import print_section
 
-__all__ = ["print_accesses", "print_filtering", "print_leakage", "print_population", "print_retention"]
+__all__ = [
+    "population_table", "print_accesses", "print_filtering", "print_leakage", "print_population", "print_retention",
+    "retention_table",
+]  # fmt: skip
 
 Document = Mapping[str, Any]
 
@@ -34,8 +37,8 @@ _UNIT_HEADS = {"pair": "pairs", "bank": "banks"}
 _VERDICT_STYLE = {"pass": "bold green", "fail": "bold red", "inconclusive": "bold yellow"}
 
 
-def print_population(console: Console, population: Document) -> None:
-    """The population table: groups at each stage by partition, in total, and trajectories."""
+def population_table(population: Document) -> Table:
+    """Groups at each stage by partition, in total, and trajectories."""
     names = population["partitions"]
     rows = [
         [
@@ -48,19 +51,29 @@ def print_population(console: Console, population: Document) -> None:
     ]
     columns = [Column.name("Stage"), *map(Column, (*(_HEADS[name] for name in names), "Total", "Traj."))]
     note = f"Traj. = groups x {population['num_policies']} candidates; not independent samples"
-    print_section(console, Table("Population", columns, rows, [note], has_total=True))
+    return Table("Population", columns, rows, [note], has_total=True)
+
+
+def print_population(console: Console, population: Document) -> None:
+    """The population table, and what it does not say by itself."""
+    print_section(console, population_table(population))
     for sentence in population_sentences(population):
         console.print(Text(sentence, style="yellow"))
 
 
-def print_retention(console: Console, retention: Document) -> None:
+def retention_table(retention: Document) -> Table:
     """Pairs and banks that pass in each partition, with intervals and predeclared targets."""
     columns = [
         *map(Column.name, ("Criterion", "Partition", "Unit")),
         *map(Column, ("Passed", "Share", f"{percent(retention['level'], 0)} interval")),
         Column("Target", is_text=True),
     ]
-    print_section(console, Table("Replay fidelity", columns, [_retained(row) for row in retention["rows"]]))
+    return Table("Replay fidelity", columns, [_retained(row) for row in retention["rows"]])
+
+
+def print_retention(console: Console, retention: Document) -> None:
+    """The table of retention, and which targets are missed."""
+    print_section(console, retention_table(retention))
     for row in retention["rows"]:
         if row["criterion"] == "core" and row["partition"] == "test" and row["met"] is False:
             missed = f"Missed on test: {percent(row['share'])} of {UNITS[row['unit']]} pass the core criteria, "

@@ -1,12 +1,11 @@
-"""Progress of long work: on a terminal a bar with counts, elapsed time and an ETA, elsewhere a line for each part."""
+"""Progress of long work: on a terminal a bar with counts, rate and the time that is left, elsewhere a line a minute."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from time import monotonic
 from typing import Protocol, TextIO
-
-from branchdrive.runtime.progress import unwatched
 
 __all__ = ["Update", "part_lines", "progress_bar"]
 
@@ -18,26 +17,45 @@ class Update(Protocol):
         """Show `done` of `total`."""
 
 
+_LINE_S = 60.0
+"""Seconds between lines where there is no bar."""
+
+
 @contextmanager
-def progress_bar(stderr: TextIO, title: str) -> Iterator[Update]:
-    """A progress bar on `stderr` if that is a terminal, nothing elsewhere; gone when the work is over."""
+def progress_bar(stderr: TextIO, title: str, *, clock: Callable[[], float] = monotonic) -> Iterator[Update]:
+    """A progress bar on `stderr` if that is a terminal, gone when the work is over; elsewhere a line a minute.
+
+    Args:
+        stderr: Where it is shown.
+        title: What is done.
+        clock: Seconds from any moment on.
+    """
     if not stderr.isatty():
-        yield unwatched
+        yield _minute_lines(stderr, title, clock)
         return
     from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,
+        ProgressColumn,
+        Task,
         TextColumn,
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
 
+    class _Rate(ProgressColumn):
+        """How many are done in a second, or in a minute where that is less than one."""
+
+        def render(self, task: Task) -> str:
+            return "" if not task.speed else _rate(task.speed)
+
     columns = (
         TextColumn(title),
         BarColumn(),
         MofNCompleteColumn(),
+        _Rate(),
         TextColumn("{task.fields[note]}"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
@@ -45,6 +63,33 @@ def progress_bar(stderr: TextIO, title: str) -> Iterator[Update]:
     with Progress(*columns, console=Console(file=stderr), transient=True) as bar:
         task = bar.add_task(title, total=None, note="")
         yield lambda done, total, note="": bar.update(task, completed=done, total=total, note=note)
+
+
+def _minute_lines(stderr: TextIO, title: str, clock: Callable[[], float]) -> Update:
+    """Tells how far the work is, once a minute and never in the first; a line that cannot be written stops no work."""
+    start = last = clock()
+    work = (0, 0)
+
+    def tell(done: int, total: int, note: str = "") -> None:
+        nonlocal start, last, work
+        now = clock()
+        if done < work[0] or total != work[1]:  # other work begins
+            start = now if work[1] else start
+        work = done, total
+        if now - last < _LINE_S:
+            return
+        last = now
+        rate = done / (now - start) if now > start else 0.0
+        left = f", {_rate(rate)}, about {(total - done) / rate / 60:.0f} min left" if rate else ""
+        with suppress(OSError, ValueError):
+            stderr.write(f"{title}{f' {note}' if note else ''}: {done:,} of {total:,}{left}\n")
+            stderr.flush()
+
+    return tell
+
+
+def _rate(per_s: float) -> str:
+    return f"{per_s:.1f}/s" if per_s >= 1 else f"{60 * per_s:.1f}/min"
 
 
 def part_lines(stderr: TextIO, title: str) -> Callable[[str], None]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.place import folder
 from branchdrive.contract.text import counted, printable
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ ORDER = 30
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="folder of a collection that is not finished")
+    parser.add_argument("dataset", metavar="DATASET", type=folder, help="folder of a collection that is not finished")
     parser.add_argument(
         "--close",
         metavar="GROUP",

@@ -37,7 +37,7 @@ from branchdrive.cli.population import (
 from branchdrive.contract.layout import FILTERING_FILE
 from branchdrive.contract.resources import rule_page
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo, cause_order
-from branchdrive.contract.text import counted, printable
+from branchdrive.contract.text import counted, printable, size_text
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
 from branchdrive.engine.response_summary import ResponseSummary
@@ -69,15 +69,6 @@ _SECTIONS: dict[str, Callable[[RuleInfo], bool]] = {
     "Diagnostics": lambda rule: rule.kind == "diagnostic" and rule.level == "MUST",
 }
 """Sections of findings, and the rules of each."""
-
-
-def _size(num_bytes: int) -> str:
-    size = float(num_bytes)
-    units = ["B", "KiB", "MiB", "GiB"]
-    while size >= 1024 and len(units) > 1:
-        size /= 1024
-        units.pop(0)
-    return f"{size:.3g} {units[0]}"
 
 
 def render(report: Report) -> str:
@@ -138,7 +129,7 @@ def _print_head(console: Console, report: Report) -> None:
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
     console.print(Text(", ".join(parts)))
-    files = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), _size(facts.num_bytes)]
+    files = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), size_text(facts.num_bytes)]
     console.print(Text(", ".join(files) + with_companions(report)))
     if facts.raw_path:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))

@@ -14,6 +14,7 @@ from branchdrive.cli.executor import add_executor_argument, executor_of
 from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import folder, local, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.media import MEDIA_MODES
 from branchdrive.errors import UsageError
@@ -44,9 +45,9 @@ def share(text: str) -> float:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="the dataset: folder, URL or archive")
     parser.add_argument(
-        "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
+        "--raw", metavar="PATH", type=place, help="dataset with the raw layer that a detached release names by digest"
     )
     report = parser.add_argument_group("what to report")
     report.add_argument(
@@ -88,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_link_arguments(reading)
     cache = parser.add_argument_group("what to take from earlier runs")
     cache.add_argument(
-        "--cache", metavar="FOLDER", type=Path,
+        "--cache", metavar="FOLDER", type=folder,
         help="take what an earlier run judged of equal files with this code, these libraries and options, and keep "
         "what this one does; the folder is yours alone, and the report says how much was taken",
     )  # fmt: skip
@@ -124,7 +125,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if args.cache is not None:
         cache = Cache(args.cache, recheck=args.recheck, max_bytes=args.cache_size << 30)
     with ExitStack() as stack:
-        root = stack.enter_context(snapshot(args.dataset)) if args.staging else args.dataset
+        root = stack.enter_context(snapshot(local(args.dataset, "--staging"))) if args.staging else args.dataset
         progress = stack.enter_context(progress_bar(stderr, "validating shards"))
         report = validate(
             root,

@@ -21,14 +21,18 @@ from branchdrive.contract.layout import (
 )
 from branchdrive.contract.limits import spec_limits
 
-__all__ = ["IGNORE_FILE", "Companions", "ignored_names"]
+__all__ = ["CODEMETA_FILE", "CROISSANT_FILE", "IGNORE_FILE", "ZENODO_FILE", "Companions", "ignored_names"]
 
 IGNORE_FILE = ".branchdriveignore"
 """Patterns of further names in the root that are no part of the dataset, one a line."""
 
-_IN_ROOT = frozenset(
-    {".cache", ".git", ".gitattributes", ".gitignore", ".huggingface", CARD_FILE, IGNORE_FILE}
-)  # fmt: skip
+CROISSANT_FILE, ZENODO_FILE, CODEMETA_FILE = "croissant.json", ".zenodo.json", "codemeta.json"
+"""What search engines, loaders and archives read about a dataset."""
+
+_IN_ROOT = frozenset({
+    ".cache", ".git", ".gitattributes", ".gitignore", ".huggingface", CARD_FILE, IGNORE_FILE, CROISSANT_FILE,
+    ZENODO_FILE, CODEMETA_FILE,
+})  # fmt: skip
 _ANYWHERE = frozenset({".DS_Store", "Thumbs.db"})
 _OWN = frozenset(map(folded, (DESCRIPTOR_FILE, LICENCE_FILE, MANIFEST_FILE, RAW_DIR, STAGING_DIR, *LAYERS)))
 """Names in the root that an ignore file cannot take from the dataset, nor names that some systems take for them."""

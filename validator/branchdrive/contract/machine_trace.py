@@ -33,7 +33,7 @@ _TRACES = {
         rf"|(?<![0-9A-Za-z]){_YEAR}-?{_DAY[0]}-?{_DAY[1]}[Tt _-]?{_HOUR}[0-5]\d[0-5]\d[Zz]?(?![0-9A-Za-z])"
     ),
 }
-_MAY_HOLD_ONE = re.compile(r"[/\\@:]|\d{4}-?\d\d-?\d\d")
+_MAY_HOLD_ONE = re.compile(r"[/\\@]|localhost:|\.\d{1,3}:\d|\d{4}-?\d\d-?\d\d")
 """What every trace holds; most texts do not, and are done with."""
 
 

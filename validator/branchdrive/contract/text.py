@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 __all__ = [
     "NONE", "count_text", "counted", "failure_text", "listed", "nearest", "one_line", "percent", "printable", "quote",
-    "similar",
+    "similar", "size_text",
 ]  # fmt: skip
 
 NONE = "-"
@@ -19,6 +19,8 @@ MAX_QUOTED = 160
 
 _MAX_LINE = 500
 """Characters of a line of a traceback, whose message may quote a value."""
+
+_UNITS = ("byte", "KiB", "MiB", "GiB", "TiB")
 
 
 def printable(text: str) -> str:
@@ -83,3 +85,15 @@ def nearest(name: str, names: Collection[str]) -> str:
 def counted(count: int, noun: str) -> str:
     """A count of things, `noun` in the singular."""
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
+def size_text(num_bytes: int) -> str:
+    """Bytes in the largest unit of which there is one at least.
+
+    >>> size_text(512), size_text(5_452_595)
+    ('512 bytes', '5.2 MiB')
+    """
+    size, place = float(num_bytes), 0
+    while size >= 1024 and place < len(_UNITS) - 1:
+        size, place = size / 1024, place + 1
+    return counted(num_bytes, "byte") if not place else f"{size:.1f} {_UNITS[place]}"

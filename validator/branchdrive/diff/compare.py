@@ -18,8 +18,8 @@ from branchdrive.contract.layout import IDENTITY_LAYERS, MANIFEST_FILE, RAW_DIR,
 from branchdrive.diff.difference import DatasetDifference, TableDifference
 from branchdrive.errors import DatasetError
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor
-from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, read_manifest
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import conform, join_parts, read_table
 from branchdrive.layers.content import file_content, read_document
 from branchdrive.raw.content import is_identified, table_content
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["compare_datasets"]
 
 
-def compare_datasets(first: Folder, second: Folder) -> DatasetDifference:
+def compare_datasets(first: Store, second: Store) -> DatasetDifference:
     """Compare two datasets by what they say; neither is judged.
 
     Raises:
@@ -57,10 +57,10 @@ def compare_datasets(first: Folder, second: Folder) -> DatasetDifference:
     return result
 
 
-def _manifest(dataset: Folder) -> Manifest:
+def _manifest(dataset: Store) -> Manifest:
     if dataset.status(MANIFEST_FILE) is None and dataset.status(STAGING_DIR) is not None:
         raise DatasetError(
-            f"{dataset.root}: no {MANIFEST_FILE}: writing was interrupted or goes on; run the same command again to "
+            f"{dataset}: no {MANIFEST_FILE}: writing was interrupted or goes on; run the same command again to "
             "finish it, or judge what is committed with `branchdrive-validate --staging`"
         )
     return read_manifest(dataset)[0]
@@ -72,7 +72,7 @@ def _files(ours: Manifest, theirs: Manifest) -> tuple[int, int, int]:
     return differing, len(ours.files) - len(shared), len(theirs.files) - len(shared)
 
 
-def _beside(first: Folder, second: Folder, manifests: Sequence[Manifest]) -> tuple[list[str], list[str]]:
+def _beside(first: Store, second: Store, manifests: Sequence[Manifest]) -> tuple[list[str], list[str]]:
     """Names of companions in the folder of one alone: of what is no part of the dataset and in no manifest."""
     ours, theirs = (
         {entry.path for entry in dataset.entries()[1] if not entry.path.startswith(".")}
@@ -85,7 +85,7 @@ def _beside(first: Folder, second: Folder, manifests: Sequence[Manifest]) -> tup
 class _RawSide:
     """The raw layer of one dataset: which shard an attempt lies in, what every table says of it, and the maps."""
 
-    def __init__(self, dataset: Folder, descriptor: Descriptor) -> None:
+    def __init__(self, dataset: Store, descriptor: Descriptor) -> None:
         self.shard_of: dict[str, Shard] = {}
         self.content: dict[str, dict[str, bytes]] = {}
         self.shard_of_town: dict[str, Shard] = {}
@@ -94,14 +94,14 @@ class _RawSide:
         for shard in find_shards(dataset):
             view = ShardView({name: shard.decode(name) for name in self.tables}, descriptor)
             if not is_identified(view):
-                raise DatasetError(f"{shard.folder}: identifiers repeat or lead nowhere; run `branchdrive-validate`")
+                raise DatasetError(f"{shard}: identifiers repeat or lead nowhere; run `branchdrive-validate`")
             by_table = table_content(view, np.arange(view.num_rollouts))  # attempts, where identity takes groups
             for place, rollout_id in enumerate(view.rollout_ids):
                 self.shard_of[rollout_id] = shard
                 self.content[rollout_id] = {name: digests[place] for name, digests in by_table.items()}
             for town, digest in map_digests(view).items():
                 if self.maps.setdefault(town, digest) != digest:
-                    raise DatasetError(f"{shard.folder}: has another map of {town!r}; run `branchdrive-validate`")
+                    raise DatasetError(f"{shard}: has another map of {town!r}; run `branchdrive-validate`")
                 self.shard_of_town.setdefault(town, shard)
 
     def map_of(self, town: str) -> pa.Table:
@@ -157,7 +157,7 @@ def _add(found: TableDifference, ours: pa.Table, theirs: pa.Table) -> None:
 
 
 def _compare_layers(
-    result: DatasetDifference, datasets: tuple[Folder, Folder], manifests: Sequence[Manifest], claimed: Collection[str]
+    result: DatasetDifference, datasets: tuple[Store, Store], manifests: Sequence[Manifest], claimed: Collection[str]
 ) -> None:
     listed = [{path for path in manifest.files if "/" in path} for manifest in manifests]
     ours, theirs = (
@@ -177,7 +177,7 @@ def _compare_layers(
             result.documents[path] = [f"only in the {'first' if path in ours else 'second'}"]
 
 
-def _rows_of(dataset: Folder, name: str, paths: Sequence[str]) -> pa.Table:
+def _rows_of(dataset: Store, name: str, paths: Sequence[str]) -> pa.Table:
     """Rows of files of a table with the declared schema: a row that has its part elsewhere is the same row."""
     if not paths:
         return table_schema(name).empty_table()

@@ -20,7 +20,7 @@ Source: spec/05-raw-streams.md#evidence.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,18 +77,19 @@ def _closest_corner(
         half_length: Half extent of the boxes at the origin.
         half_width: Half extent of the boxes at the origin.
     """
-    closest = _Corner(*(np.full_like(x, np.inf) for _ in _Corner._fields))
-    for reach_x, reach_y in (
-        (along[0] + across[0], along[1] + across[1]),
-        (along[0] - across[0], along[1] - across[1]),
-    ):
-        for corner_x, corner_y in ((x + reach_x, y + reach_y), (x - reach_x, y - reach_y)):
-            to_x = corner_x - np.minimum(np.maximum(corner_x, -half_length), half_length)
-            to_y = corner_y - np.minimum(np.maximum(corner_y, -half_width), half_width)
-            square = to_x * to_x + to_y * to_y
-            closer = square < closest.square
-            for best, values in zip(closest, (square, to_x, to_y), strict=True):
-                np.copyto(best, values, where=closer)
+
+    def corner_at(corner_x: Array, corner_y: Array) -> _Corner:
+        to_x = corner_x - np.minimum(np.maximum(corner_x, -half_length), half_length)
+        to_y = corner_y - np.minimum(np.maximum(corner_y, -half_width), half_width)
+        return _Corner(to_x * to_x + to_y * to_y, to_x, to_y)
+
+    front_x, front_y = along[0] + across[0], along[1] + across[1]
+    rear_x, rear_y = along[0] - across[0], along[1] - across[1]
+    closest = corner_at(x + front_x, y + front_y)
+    for reach_x, reach_y in ((-front_x, -front_y), (rear_x, rear_y), (-rear_x, -rear_y)):
+        corner = corner_at(x + reach_x, y + reach_y)
+        closer = corner.square < closest.square
+        closest = _Corner(*(np.where(closer, *values) for values in zip(corner, closest, strict=True)))
     return closest
 
 
@@ -121,31 +122,34 @@ def box_gap(a: Boxes, b: Boxes) -> BoxGap:
     return BoxGap(gap, cos_a * nx - sin_a * ny, sin_a * nx + cos_a * ny)
 
 
-_ROUNDING = 1e-9
-"""Relative error that rounding stays below, here and where the quantities are computed."""
+_ROUNDING = 1e-5
+"""Relative error that rounding to single precision stays below, here and where the quantities are computed."""
 
 
 class PairBounds(NamedTuple):
-    """Lower bounds of pairs, each field ``[pairs]``; NaN, which bounds nothing, where an input is not a number.
+    """Lower bounds of pairs in single precision, each field ``[pairs]``; NaN, where nothing is known, bounds nothing.
 
     Attributes:
         gap_m: At most the gap, negative where boxes may overlap.
-        ttc_s: At most gap over closing speed, at most 0 where boxes may overlap, ``inf`` where they cannot close.
+        ttc_s: At most gap over closing speed, ``inf`` where they cannot close; where they may overlap, 0 or NaN.
     """
 
-    gap_m: Array
-    ttc_s: Array
+    gap_m: NDArray[np.float32]
+    ttc_s: NDArray[np.float32]
 
 
-def pair_bounds(offset_x_m: Array, offset_y_m: Array, reach_m: Array, rel_x_mps: Array, rel_y_mps: Array) -> PairBounds:
+@np.errstate(all="ignore")  # a bound beyond all numbers is infinity
+def pair_bounds(
+    offset_x_m: Array, offset_y_m: Array, reach_m: NDArray[np.floating[Any]], rel_x_mps: Array, rel_y_mps: Array
+) -> PairBounds:
     """Bounds from ``D`` (second centre minus first), ``h`` and ``v`` (second velocity minus first)."""
-    distance = np.sqrt(offset_x_m * offset_x_m + offset_y_m * offset_y_m)
-    speed = np.sqrt(rel_x_mps * rel_x_mps + rel_y_mps * rel_y_mps)
-    gap = distance - reach_m
-    error = _ROUNDING * (distance + reach_m)
-    gap -= error
-    power = speed * (reach_m + error) - (rel_x_mps * offset_x_m + rel_y_mps * offset_y_m)
-    ttc = np.where(gap > 0, np.inf, 0.0)
-    with np.errstate(over="ignore"):  # a bound beyond all numbers is infinity
-        np.divide(gap * gap, power, out=ttc, where=~(power <= 0) & ~(gap <= 0))
-    return PairBounds(gap, ttc)
+    off_x, off_y, reach, rel_x, rel_y = (
+        values.astype(np.float32, copy=False) for values in (offset_x_m, offset_y_m, reach_m, rel_x_mps, rel_y_mps)
+    )
+    distance = np.sqrt(off_x * off_x + off_y * off_y)
+    speed = np.sqrt(rel_x * rel_x + rel_y * rel_y)
+    error = np.float32(_ROUNDING) * (distance + reach)
+    gap = distance - reach - error
+    power = speed * (reach + error) - (rel_x * off_x + rel_y * off_y)
+    apart = np.maximum(gap, 0)
+    return PairBounds(gap, apart * apart / np.maximum(power, 0))

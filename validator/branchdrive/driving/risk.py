@@ -112,7 +112,7 @@ def pair_risk(
     return PairRisk(frame, actor_id, gap_m, closing_mps, corridor_m, is_vehicle, is_pedestrian)
 
 
-def corridor_excess_m(objects: Boxes, route_x_m: Array, route_y_m: Array, ego_width_m: float) -> Array:
+def corridor_excess_m(objects: Boxes, route_x_m: Array, route_y_m: Array, ego_width_m: Array | float) -> Array:
     """`PairRisk.corridor_m` of static objects along one route."""
     return polyline_box_distance_m(objects, route_x_m, route_y_m) - (ego_width_m / 2 + CORRIDOR_MARGIN_M)
 

@@ -28,8 +28,8 @@ __all__ = ["Feet", "Polylines", "RoutePosition", "feet_within", "points_near", "
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_MAX_CELLS = 1 << 20
-"""Pairs of a box or a point and a vertex that are held at once: 8 MiB per intermediate array."""
+_MAX_CELLS = 1 << 18
+"""Pairs of a box or a point and a vertex that are held at once: 2 MiB per intermediate array."""
 
 _BLOCK_SEGMENTS = 10
 """Neighbouring segments that one circle encloses."""

@@ -30,7 +30,7 @@ _MAX_ENTRIES = 4_000_000
 """Cells that pieces are filed in, together: they take 32 MB a column, and a town of 2,000 km of lanes fewer of them."""
 
 _BLOCK_ROWS = 65_536
-_BLOCK_PAIRS = 1_000_000
+_BLOCK_PAIRS = 1 << 17
 _OFFSET, _SPAN = 1 << 23, 1 << 24
 """Coordinates within 1e7 m lie in fewer than 2 ** 23 cells on each side of the origin."""
 
@@ -182,21 +182,21 @@ class Areas:
         """Points near each area, with the excess over it: the distance to its outline, negative inside."""
         points = np.stack([x_m, y_m], axis=1)
         for own, outline in zip(self.town.tolist(), self.outlines, strict=True):
-            low, high = outline.min(axis=0) - slack_m, outline.max(axis=0) + slack_m
-            inside = ((points >= low) & (points <= high)).all(axis=1) & (town == own)
-            rows = np.flatnonzero(inside)
+            (low_x, low_y), (high_x, high_y) = outline.min(axis=0) - slack_m, outline.max(axis=0) + slack_m
+            inside = (x_m >= low_x) & (x_m <= high_x) & (y_m >= low_y) & (y_m <= high_y)
+            rows = np.flatnonzero(inside & (town == own))
             for part in np.array_split(rows, max(1, len(rows) * len(outline) // _BLOCK_PAIRS)):
                 yield part, _outline_excess(outline, points[part])
 
 
 def _outline_excess(outline: Array, points: Array) -> Array:
-    step = np.roll(outline, -1, axis=0) - outline
-    away = points[:, None] - outline  # [points, vertices, 2]
-    square = (step**2).sum(axis=1)
-    share = np.clip((away * step).sum(axis=2) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    distance = np.hypot(*np.moveaxis(away - share[:, :, None] * step, 2, 0)).min(axis=1)
-    above = away[:, :, 1] >= 0
+    step_x, step_y = (np.roll(outline, -1, axis=0) - outline).T
+    away_x, away_y = (points[:, axis, None] - outline[:, axis] for axis in (0, 1))  # [points, vertices]
+    square = step_x * step_x + step_y * step_y
+    share = np.clip((away_x * step_x + away_y * step_y) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    distance = np.hypot(away_x - share * step_x, away_y - share * step_y).min(axis=1)
+    above = away_y >= 0
     crosses = above != np.roll(above, -1, axis=1)
-    left = step[:, 0] * away[:, :, 1] - step[:, 1] * away[:, :, 0] > 0
-    odd = (crosses & (left == (step[:, 1] > 0))).sum(axis=1) % 2 == 1
+    left = step_x * away_y - step_y * away_x > 0
+    odd = np.bitwise_xor.reduce(crosses & (left == (step_y > 0)), axis=1)
     return np.asarray(np.where(odd, -distance, distance))

@@ -26,8 +26,8 @@ from branchdrive.engine.shard import ShardResult, ShardTask, spooled_name
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.stored_result import from_bytes, to_bytes
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.folder import size_of
 from branchdrive.formats.private_folder import DamagedError, PrivateFolder
+from branchdrive.formats.store import digest_of, size_of
 from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.installation import installation_digest, own_version
 from branchdrive.statistics.random_words import uniforms, words
@@ -312,7 +312,7 @@ def _digests(task: ShardTask) -> dict[str, str] | None:
             with task.dataset.open(path) as stream:
                 if size_of(stream) > max_bytes:
                     return None
-                found[path] = hashlib.file_digest(stream, "sha256").hexdigest()
+                found[path] = digest_of(stream)
         except (DatasetError, OSError):
             return None
     return found

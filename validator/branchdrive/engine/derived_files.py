@@ -30,7 +30,7 @@ from branchdrive.engine.spool import Spool, spooled_table
 from branchdrive.engine.tally import Tally
 from branchdrive.errors import DatasetError, DecodeError
 from branchdrive.files.survey import Survey
-from branchdrive.formats.folder import Folder, size_of
+from branchdrive.formats.store import Store, size_of
 from branchdrive.formats.table_file import join_parts
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.layers.view import RawLayer, ReleaseView
@@ -80,7 +80,7 @@ class LayerFilesTask:
         names: Of the files of no part: every file of the claimed layers, and those beside them.
     """
 
-    dataset: Folder
+    dataset: Store
     files: tuple[str, ...]
     descriptor: Descriptor
     is_hashed: bool
@@ -108,7 +108,8 @@ def layer_files_tasks(survey: Survey, spool: Spool | None) -> tuple[LayerFilesTa
         spool,
         names=survey.release_files,
     )
-    return others, *(replace(others, files=tuple(own), part=part, names=()) for part, own in sorted(files.items()))
+    parts = [replace(others, files=tuple(own), part=part, names=()) for part, own in sorted(files.items())]
+    return tuple(replace(task, dataset=task.dataset.only(task.files)) for task in (others, *parts))
 
 
 def needs_raw(survey: Survey, selected: frozenset[str]) -> bool:

@@ -79,7 +79,9 @@ def read_dataset(
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
         shards.append(
-            ShardTask(survey.folder, folder, paths, survey.descriptor, selected, survey.is_hashed, rows, media)
+            ShardTask(
+                survey.folder.only(paths), folder, paths, survey.descriptor, selected, survey.is_hashed, rows, media
+            )
         )
     if progress:
         progress(0, len(shards))

@@ -12,7 +12,7 @@ from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted, listed, quote
 from branchdrive.engine.cache import CacheUse
-from branchdrive.engine.finding import Finding
+from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.tally import Tally
@@ -20,8 +20,17 @@ from branchdrive.engine.verdict import Verdict
 from branchdrive.engine.waiver import WaiverOutcome
 from branchdrive.exit_code import EXIT_FAILED, EXIT_INVALID, EXIT_OF_VERDICT
 from branchdrive.raw.funnel import Funnel
+from branchdrive.tables.data_frame import to_pandas
+from branchdrive.text.html import html_of
+from branchdrive.text.table import Column, Table
 
 __all__ = ["FUNNEL_BASIS", "POPULATION_BASIS", "DatasetFacts", "Report", "RunOptions"]
+
+_FRAME = (
+    ("rule", "string"), ("kind", "string"), ("group_id", "string"), ("location", "string"), ("count", "int64"),
+    ("expected", "string"), ("found", "string"), ("message", "string"), ("remedy", "string"), ("waived", "bool_"),
+)  # fmt: skip
+"""Columns of the findings as a data frame."""
 
 FUNNEL_BASIS = "recomputed from the raw layer"
 POPULATION_BASIS = "claimed by the release, recomputed from its stored tables alone"
@@ -198,6 +207,33 @@ class Report:
         code = EXIT_OF_VERDICT[self.verdict]
         is_refused = self.lacks_groups or (self.options.is_strict and bool(self.noted))
         return EXIT_INVALID if is_refused and code != EXIT_FAILED else code
+
+    def to_pandas(self) -> Any:
+        """The findings as a `pandas.DataFrame`, a row for each that is kept, in catalogue order.
+
+        Columns are those of a finding in the report schema, with its place as one text, and its group.
+
+        Raises:
+            PlatformError: pandas is not installed.
+        """
+        import pyarrow as pa
+
+        rows = [
+            {**finding.to_json(), "group_id": finding.group_id, "location": location_text(finding.location)}
+            for finding in self.findings
+        ]
+        return to_pandas(pa.Table.from_pylist(rows, pa.schema([(name, getattr(pa, kind)()) for name, kind in _FRAME])))
+
+    def _repr_html_(self) -> str:
+        facts = [
+            ("dataset", self.dataset.dataset_id or ""), ("at", self.dataset.path),
+            ("groups that qualify", f"{self.num_qualified} of {self.num_groups}"),
+            *(("", line) for line in self.conditions),
+        ]  # fmt: skip
+        columns = [Column.name("rule"), Column.name("place"), Column.name("expected"), Column.name("found")]
+        rows = [[f.rule, location_text(f.location), f.expected, f.found] for f in self.findings]
+        findings = [Table("Findings", columns, rows)] if rows else []
+        return html_of(f"Verdict: {self.verdict}", facts, findings)
 
     def to_json(self) -> dict[str, Any]:
         """The report as `schemas/v0.1/report.schema.json` has it."""

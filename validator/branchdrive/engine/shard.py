@@ -20,10 +20,11 @@ from branchdrive.contract.media import MediaMode
 from branchdrive.contract.semantic_bev import SEMANTIC_STREAM
 from branchdrive.engine.examine import VIEW_RULES, examine
 from branchdrive.engine.spool import Spool
-from branchdrive.engine.tally import Tally
+from branchdrive.engine.tally import Tallies, Tally
 from branchdrive.errors import DatasetError, DecodeError, LimitError
+from branchdrive.files.identities import Identities
 from branchdrive.files.shard_facts import ShardFacts
-from branchdrive.formats.folder import Folder, size_of
+from branchdrive.formats.store import Store, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.content import group_content
 from branchdrive.raw.funnel import Funnel
@@ -69,7 +70,7 @@ class ShardTask:
         split_groups: Its groups that lie in other shards too, once that is known.
     """
 
-    dataset: Folder
+    dataset: Store
     folder: str
     files: tuple[str, ...]
     descriptor: Descriptor | None
@@ -94,7 +95,7 @@ class ShardResult(ShardFacts):
         is_failed: Whether a rule failed on it, asked for or not.
     """
 
-    tallies: dict[str, Tally] = field(default_factory=dict)
+    tallies: Tallies = field(default_factory=Tallies)
     left_out: str | None = None
     funnel: Funnel = field(default_factory=Funnel)
     frames: tuple[str, ...] = ()
@@ -104,7 +105,7 @@ class ShardResult(ShardFacts):
     def leave_out(self, reason: str | None, selected: frozenset[str]) -> None:
         """Judge none of its rows, for a reason that every rule on rows then has."""
         self.left_out = reason
-        self.tallies = {rule_id: Tally(rule_id, unjudged=reason) for rule_id in VIEW_RULES if rule_id in selected}
+        self.tallies = Tallies({r: Tally(r, unjudged=reason) for r in VIEW_RULES if r in selected})
 
 
 def spooled_name(folder: str) -> str:
@@ -134,6 +135,7 @@ def audit_shard(task: ShardTask) -> ShardResult:
             tables[name] = table
     view = _view(task, tables, result)
     images = _read_media(task, tables, view, [path for path in task.files if path not in table_of], result)
+    tables.clear()  # the view holds what is needed of them
     if view is not None:
         view.images = images
         _judge(task, view, result)
@@ -229,8 +231,8 @@ def _view(task: ShardTask, tables: dict[str, pa.Table], result: ShardResult) -> 
 
 
 def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
-    result.rollout_ids = [rollout_id for rollout_id in view.rollout_ids if rollout_id]
-    result.group_ids = [group_id for group_id in view.group_ids if group_id]
+    result.rollout_ids = Identities(rollout_id for rollout_id in view.rollout_ids if rollout_id)
+    result.group_ids = Identities(group_id for group_id in view.group_ids if group_id)
     if task.is_hashed:
         result.groups = group_content(view)
     # What attempts comply with takes every rule, also where only some are asked for.
@@ -240,7 +242,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
         repeated_rollouts=task.repeated_rollouts,
         split_groups=task.split_groups,
     )
-    result.tallies = {rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected}
+    result.tallies = Tallies({rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected})
     result.is_failed = any(tally.errors for tally in tallies.values())
     result.funnel = examination.funnel
     result.judged = {

@@ -10,8 +10,12 @@ import pickle
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.contract.columns import table_schema
 from branchdrive.formats.file_error import machine_faults
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Spool", "SpooledFrames", "SpooledTables", "spooled_table"]
 
 
+@dataclass(frozen=True)
 class Spool:
     """A folder of named values.
 
@@ -31,8 +36,7 @@ class Spool:
         folder: Where they lie.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    folder: Path
 
     @classmethod
     @contextmanager
@@ -76,6 +80,21 @@ class Spool:
         import pyarrow as pa
 
         return pa.ipc.open_file(pa.memory_map(str(self.folder / name))).read_all()
+
+    def put_array(self, name: str, values: NDArray[np.float64]) -> None:
+        """Keep an array of numbers.
+
+        Raises:
+            PlatformError: As `put`.
+        """
+        with machine_faults(self.folder / name), (self.folder / name).open("wb") as stream:
+            np.save(stream, values, allow_pickle=False)
+
+    def array(self, name: str) -> NDArray[np.float64]:
+        """An array that was put, to read alone; it lies in the file until it is read."""
+        path = self.folder / name
+        mapped: NDArray[np.float64] = np.load(path, mmap_mode="r" if path.stat().st_size else None, allow_pickle=False)
+        return mapped
 
 
 class SpooledFrames(Mapping[str, Frame]):

@@ -23,7 +23,9 @@ from branchdrive.driving.track_end import TrackEnds
 from branchdrive.engine.derived_rules import LayersResult
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.shard import ShardResult
-from branchdrive.engine.tally import Tally
+from branchdrive.engine.tally import Tallies, Tally
+from branchdrive.files.group_marks import Outlines, Tracks
+from branchdrive.files.identities import Identities
 from branchdrive.raw.funnel import Funnel, GroupOutcome
 
 __all__ = ["from_bytes", "to_bytes"]
@@ -31,8 +33,8 @@ __all__ = ["from_bytes", "to_bytes"]
 _CLASSES = {
     one.__name__: one
     for one in (
-        Finding, Funnel, GroupOutcome, LayersResult, Mismatch, Mismatches, Responses, ShardResult, Sights, Tally,
-        TrackEnds,
+        Finding, Funnel, GroupOutcome, Identities, LayersResult, Mismatch, Mismatches, Outlines, Responses, ShardResult,
+        Sights, Tallies, Tally, TrackEnds, Tracks,
     )
 }  # fmt: skip
 _KINDS = "biufSUM"
@@ -68,7 +70,7 @@ def from_bytes(content: bytes) -> Any:
         value = reader.value(json.loads(content[8:start]))
         if start + reader.place != len(content):
             raise ValueError(f"{len(content)} bytes, not {start + reader.place}")
-    except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
+    except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"no bytes of a result: {error}") from error
     return value
 
@@ -105,7 +107,13 @@ def _written(value: Any, blocks: list[bytes]) -> Any:
 
 
 def _parts(value: Any) -> Iterator[tuple[str, Any]]:
-    """Fields of a value of a class, but for those that are as they are by default."""
+    """What a value of a class is made of: its fields, but for those that are as they are by default."""
+    if isinstance(value, Identities):
+        yield "texts", [*value]
+        return
+    if isinstance(value, Tallies):
+        yield "tallies", {**value}
+        return
     if isinstance(value, tuple):
         yield from zip(value._fields, value, strict=True)  # type: ignore[attr-defined]
         return

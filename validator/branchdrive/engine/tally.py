@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
+from types import MappingProxyType
 from typing import Literal
+
+import numpy as np
 
 from branchdrive.contract.mismatch import MAX_KEPT
 from branchdrive.contract.rule import CATALOGUE, RuleInfo
 from branchdrive.engine.finding import Finding
 
-__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tally"]
+__all__ = ["MAX_FINDINGS_PER_RULE", "RuleStatus", "Tallies", "Tally"]
 
 MAX_FINDINGS_PER_RULE = MAX_KEPT
 """Findings kept per rule; counts stay exact."""
@@ -97,3 +100,40 @@ class Tally:
         if self.unjudged:
             return self.unjudged
         return None if self.examined else "no subject"
+
+
+_RULES = tuple(CATALOGUE)
+_PLACES = {rule_id: place for place, rule_id in enumerate(_RULES)}
+
+
+class Tallies(Mapping[str, Tally]):
+    """Totals of rules on one shard, by rule: numbers, as nearly all are nothing else, and the others as they are.
+
+    Args:
+        tallies: The totals, which do not change any more.
+    """
+
+    def __init__(self, tallies: Mapping[str, Tally] = MappingProxyType({})) -> None:
+        every = [*tallies.values()]
+        self._rules = np.array([_PLACES[rule_id] for rule_id in tallies], np.int16)
+        numbers = [(tally.examined, tally.total, tally.num_findings, tally.is_claimed) for tally in every]
+        self._numbers = np.array(numbers, np.int64).reshape(len(numbers), 4)
+        self._others = {t.rule_id: t for t in every if t.findings or t.unjudged or t.is_exceeded or t.errors}
+
+    def __repr__(self) -> str:
+        return f"Tallies({ {**self} })"
+
+    def __len__(self) -> int:
+        return len(self._rules)
+
+    def __iter__(self) -> Iterator[str]:
+        return (_RULES[place] for place in self._rules.tolist())
+
+    def __getitem__(self, rule_id: str) -> Tally:
+        if rule_id in self._others:
+            return self._others[rule_id]
+        (rows,) = np.nonzero(self._rules == _PLACES[rule_id])
+        if not len(rows):
+            raise KeyError(rule_id)
+        examined, total, num_findings, is_claimed = self._numbers[rows[0]].tolist()
+        return Tally(rule_id, examined, total, num_findings, is_claimed=bool(is_claimed))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -32,10 +31,13 @@ from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
 from branchdrive.errors import UsageError
+from branchdrive.files.shard_facts import num_groups
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
+from branchdrive.formats.place import Place, open_store
 from branchdrive.formats.private_folder import PrivateFolder
+from branchdrive.formats.store import Store
 from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.runtime.executor import Executor, in_process
@@ -62,9 +64,9 @@ def select_rules(patterns: Iterable[str]) -> frozenset[str]:
 
 
 def validate(
-    root: Path | str,
+    root: Place,
     *,
-    raw: Path | str | None = None,
+    raw: Place | None = None,
     select: Sequence[str] | None = None,
     ignore: Sequence[str] = (),
     hash_files: bool = True,
@@ -83,8 +85,8 @@ def validate(
     """Validate the dataset at `root`.
 
     Args:
-        root: The dataset folder.
-        raw: Folder of the dataset with the raw layer, for a detached release.
+        root: The dataset folder; or a bucket, an archive, or a place that is open, see `open_store`.
+        raw: The dataset with the raw layer, for a detached release.
         select: Rule ids or prefixes to run; all by default.
         ignore: Rule ids or prefixes to leave out.
         hash_files: Whether to compare digests; without them the verdict is at best partial.
@@ -104,6 +106,8 @@ def validate(
 
     Raises:
         UsageError: There is no dataset at `root` or `raw`, or the options contradict each other.
+        DatasetError: An archive cannot be read.
+        PlatformError: A store cannot be reached or refuses.
     """
     today = today or date.today()
     selected = (select_rules(select) if select is not None else frozenset(CATALOGUE)) - select_rules(ignore)
@@ -113,15 +117,16 @@ def validate(
         raise UsageError(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
+    stores = [open_store(place, follow_links=follow_links, allow=allow) for place in (root, raw) if place is not None]
+    folder = stores[0]
     use = None if cache is None else CacheUse()
     if cache is not None and use is not None:
-        _check_cache(cache, [root, *([] if raw is None else [raw])], strict, hash_files and "BD-LAY-002" in selected)
+        _check_cache(cache, stores, strict, hash_files and "BD-LAY-002" in selected)
         entries = PrivateFolder.at(cache.path)
         executor = caching(executor, entries, use, recheck=cache.recheck, day=today.toordinal())
     # Without the rule on digests, the rule on decoding checks a damaged table.
-    folder = Folder.at(root, follow_links=follow_links, allow=allow)
     survey = take_survey(folder, hash_files=hash_files and "BD-LAY-002" in selected)
-    source = _raw_survey(survey, raw)
+    source = survey if raw is None else _raw_survey(survey, stores[1])
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
         reading = read_dataset(source, selected, executor, progress, spool=spool, release=survey, media=media)
@@ -150,7 +155,7 @@ def validate(
             hash_files,
             require_groups,
             strict,
-            _shown(folder.links),
+            _shown(folder),
             media,
         ),
         tuple(tallies.values()),
@@ -164,7 +169,7 @@ def validate(
     )
 
 
-def _check_cache(cache: Cache, roots: Iterable[Path | str], strict: bool, is_hashed: bool) -> None:
+def _check_cache(cache: Cache, stores: Iterable[Store], strict: bool, is_hashed: bool) -> None:
     """Refuse a cache where it cannot serve."""
     if strict:
         raise UsageError("a strict validation takes nothing that an earlier run judged; drop `strict` or the cache")
@@ -173,22 +178,22 @@ def _check_cache(cache: Cache, roots: Iterable[Path | str], strict: bool, is_has
             "a cache goes by the digests of files; compare them, and leave BD-LAY-002 in, or drop the cache"
         )
     place = Path(cache.path).resolve()
-    for root in roots:
-        if place.is_relative_to(Path(root).resolve()):
-            raise UsageError(f"the cache {str(cache.path)!r} lies inside the dataset {str(root)!r}; move it out")
+    for store in stores:
+        if isinstance(store, Folder) and place.is_relative_to(store.root.resolve()):
+            raise UsageError(f"the cache {str(cache.path)!r} lies inside the dataset {str(store)!r}; move it out")
 
 
-def _shown(links: tuple[Path, ...] | None) -> tuple[str, ...] | None:
+def _shown(store: Store) -> tuple[str, ...] | None:
+    """Folders that links may lead into; ``None`` where none is followed."""
+    links = store.links if isinstance(store, Folder) else None
     return None if links is None else tuple(printable(str(folder)) for folder in links)
 
 
-def _raw_survey(survey: Survey, raw: Path | str | None) -> Survey:
-    """The survey whose shards are the raw layer: of `survey` itself, or of the dataset at `raw`."""
-    if raw is None:
-        return survey
+def _raw_survey(survey: Survey, raw: Store) -> Survey:
+    """The survey whose shards are the raw layer of the release `survey`: of the dataset at `raw`."""
     if survey.has_raw:
         raise UsageError(f"{str(survey.folder)!r} holds its raw layer itself; leave out --raw")
-    source = take_survey(replace(survey.folder, root=Path(raw)), hash_files=survey.is_hashed)
+    source = take_survey(raw, hash_files=survey.is_hashed)
     if source.excess:
         raise UsageError(f"{str(source.folder)!r} exceeds the limits on files, and was not read; validate it by itself")
     if not source.shard_folders:
@@ -287,7 +292,7 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         num_files=len(survey.files),
         num_beside=survey.num_beside,
         num_bytes=sum(entry.size for entry in survey.files),
-        num_groups=len({group_id for shard in survey.shards for group_id in shard.group_ids}),
+        num_groups=num_groups(survey.shards),
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
         rows=rows,
     )

@@ -29,8 +29,8 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.errors import UsageError
 from branchdrive.files.survey import NOT_READ, Survey
-from branchdrive.formats.folder import Entry
 from branchdrive.formats.manifest import SAFE_PATH, Manifest
+from branchdrive.formats.store import Entry
 
 TABLE_FILES = {table.file_name for table in TABLES.values()}
 
@@ -83,11 +83,8 @@ def listed_files_exist(survey: Survey) -> Iterator[Check]:
     _require_whole(survey)
     listed = survey.manifest.files if survey.manifest else {}
     there = {entry.path for entry in survey.entries if entry.kind != "folder"}
-    found = [
-        Mismatch({"file": path}, "a file that the manifest lists", "no such file")
-        for path in listed
-        if path not in there
-    ]
+    missing = [path for path in listed if path not in there]
+    found = [Mismatch({"file": path}, "a file that the manifest lists", "no such file") for path in missing]
     yield Check.of(len(listed), tuple(found))
 
 
@@ -95,6 +92,8 @@ def listed_files_exist(survey: Survey) -> Iterator[Check]:
 def existing_files_are_listed(survey: Survey) -> Iterator[Check]:
     """Every regular file but the manifest is listed; a writer's working area counts as one file."""
     _require_whole(survey)
+    if not survey.folder.lists_all:
+        raise PreconditionError("a web server lists nothing: files that the manifest does not name are not seen")
     listed = survey.manifest.files if survey.manifest else {}
     files = [e.path for e in survey.files if e.path != MANIFEST_FILE and not e.path.startswith(f"{STAGING_DIR}/")]
     found = [
@@ -137,12 +136,12 @@ def only_files_and_folders(survey: Survey) -> Iterator[Check]:
         "link": "a symbolic link",
         "stray_link": "a symbolic link to nothing that it may lead to",
         "known_folder": "a folder that another path leads to as well",
+        "file_and_folder": "a file and a folder under one name",
         "special": "a special file",
         "unreadable": "nothing that can be read",
     }
-    found = [
-        Mismatch({"file": e.path}, "a regular file or folder", kinds[e.kind]) for e in survey.entries if e.kind in kinds
-    ]
+    wrong = (entry for entry in survey.entries if entry.kind in kinds)
+    found = [Mismatch({"file": entry.path}, "a regular file or folder", kinds[entry.kind]) for entry in wrong]
     yield Check.of(len(survey.entries), tuple(found))
 
 

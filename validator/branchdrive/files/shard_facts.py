@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -12,8 +11,10 @@ from numpy.typing import NDArray
 from branchdrive.contract.mismatch import Mismatch, Mismatches
 from branchdrive.driving.response import Responses, Sights
 from branchdrive.driving.track_end import TrackEnds
+from branchdrive.files.group_marks import Outlines, Tracks
+from branchdrive.files.identities import Identities, repeated_texts
 
-__all__ = ["ShardFacts", "repeated_rollouts", "split_groups"]
+__all__ = ["ShardFacts", "num_groups", "repeated_rollouts", "split_groups"]
 
 
 @dataclass
@@ -38,11 +39,11 @@ class ShardFacts:
             how many break them and how many were compared, whatever contacts they have.
         num_missing_attempts: How many attempts lack, by the numbers of the others.
         in_contact: How many attempts have a contact, of how many with evidence.
-        groups: Digest of the content of each branch group by its identity; ``None`` where they were not computed, or
-            rows have no place in them.
+        groups: SHA-256 of the content of each branch group, in the order of their identities ``[groups, 32]``; ``None``
+            where they were not computed, or rows have no place in them.
         responses: What its interventions do, where its rows could be judged.
         sights: What the images of each camera show of that, by its name.
-        outlines: What each group is like, by its identity, whatever its names, its place and its direction.
+        outlines: What each group is like, whatever its names, its place and its direction.
         tracks: What the ego did in the attempts of each group, as digests.
         calibration: Sign, unit and clock of recorded motion: values of every quantity in its attempts.
         extremes: Smallest and largest value of every column of numbers of the observations.
@@ -68,16 +69,16 @@ class ShardFacts:
     trace_mismatches: dict[str, list[Mismatch]] = field(default_factory=dict)
     present: tuple[str, ...] = ()
     rows: dict[str, int] = field(default_factory=dict)
-    rollout_ids: list[str] = field(default_factory=list)
-    group_ids: list[str] = field(default_factory=list)
+    rollout_ids: Sequence[str] = field(default_factory=Identities)
+    group_ids: Sequence[str] = field(default_factory=Identities)
     judged: dict[str, tuple[int, int]] = field(default_factory=dict)
     num_missing_attempts: int = 0
     in_contact: tuple[int, int] = (0, 0)
-    groups: dict[str, str] | None = None
+    groups: NDArray[np.uint8] | None = None
     responses: Responses = field(default_factory=Responses.none)
     sights: dict[str, Sights] = field(default_factory=dict)
-    outlines: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    tracks: dict[str, frozenset[int]] = field(default_factory=dict)
+    outlines: Outlines = field(default_factory=Outlines.none)
+    tracks: Tracks = field(default_factory=Tracks.none)
     calibration: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
     track_ends: TrackEnds = field(default_factory=TrackEnds.none)
@@ -93,14 +94,16 @@ class ShardFacts:
 
 def repeated_rollouts(shards: Sequence[ShardFacts]) -> dict[str, int]:
     """Identities of attempts that occur more than once in the dataset, and how often."""
-    count = Counter(rollout_id for shard in shards for rollout_id in shard.rollout_ids)
-    return {rollout_id: n for rollout_id, n in count.items() if n > 1}
+    return {text: len(places) for text, places in repeated_texts([shard.rollout_ids for shard in shards]).items()}
 
 
 def split_groups(shards: Sequence[ShardFacts]) -> dict[str, list[str]]:
     """Identities of groups that lie in several shards, and the folders of these."""
-    homes: dict[str, list[str]] = {}
-    for shard in shards:
-        for group_id in shard.group_ids:
-            homes.setdefault(group_id, []).append(shard.folder)
-    return {group_id: folders for group_id, folders in homes.items() if len(folders) > 1}
+    repeated = repeated_texts([shard.group_ids for shard in shards])
+    return {text: [shards[place].folder for place in places] for text, places in repeated.items()}
+
+
+def num_groups(shards: Sequence[ShardFacts]) -> int:
+    """Groups of the dataset; one that lies in several shards is one."""
+    repeated = split_groups(shards).values()
+    return sum(len(shard.group_ids) for shard in shards) - sum(len(folders) - 1 for folders in repeated)

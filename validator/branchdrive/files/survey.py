@@ -36,8 +36,8 @@ from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.files.shard_facts import ShardFacts
 from branchdrive.files.walk import walk
-from branchdrive.formats.folder import Entry, Folder
 from branchdrive.formats.manifest import Manifest, malformed, parse_manifest
+from branchdrive.formats.store import Entry, Identity, Store
 
 __all__ = ["NOT_READ", "Survey", "take_survey"]
 
@@ -50,7 +50,7 @@ class Survey:
     """Everything known about a dataset as files and documents.
 
     Attributes:
-        folder: The dataset.
+        folder: Where the dataset is.
         entries: Every name in it that is no companion, sorted by path; cut off where there are too many.
         excess: How the files together exceed the limits; then none but the documents in the root is opened.
         num_beside: Names that are companions of the dataset; what lies in them was not looked at.
@@ -69,7 +69,7 @@ class Survey:
         shards: Results of the shards, by folder.
     """
 
-    folder: Folder
+    folder: Store
     entries: tuple[Entry, ...] = ()
     excess: tuple[Mismatch, ...] = ()
     num_beside: int = 0
@@ -171,7 +171,7 @@ def _conflicts(document: Any) -> tuple[Descriptor | None, tuple[Mismatch, ...]]:
         return None, mismatches_of(error)
 
 
-def _read_descriptor(folder: Folder, limits: Limits) -> Iterator[tuple[str, Any]]:
+def _read_descriptor(folder: Store, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Fields of a `Survey` that describe the descriptor, as far as reading gets."""
     try:
         content = folder.read(DESCRIPTOR_FILE, limits.max_document_bytes)
@@ -191,7 +191,7 @@ def _read_descriptor(folder: Folder, limits: Limits) -> Iterator[tuple[str, Any]
         yield "conflicts", conflicts
 
 
-def _read_manifest(folder: Folder, limits: Limits) -> Iterator[tuple[str, Any]]:
+def _read_manifest(folder: Store, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Fields of a `Survey` that describe the manifest."""
     if folder.status(MANIFEST_FILE) is None:
         return
@@ -205,7 +205,7 @@ def _read_manifest(folder: Folder, limits: Limits) -> Iterator[tuple[str, Any]]:
     yield "manifest_mismatches", tuple(mismatches)
 
 
-def _read_patterns(folder: Folder, limits: Limits) -> tuple[tuple[str, ...], str | None]:
+def _read_patterns(folder: Store, limits: Limits) -> tuple[tuple[str, ...], str | None]:
     """Patterns of the ignore file, and what is wrong with it."""
     try:
         return ignored_names(folder.read(IGNORE_FILE, limits.max_ignore_bytes)), None
@@ -213,7 +213,7 @@ def _read_patterns(folder: Folder, limits: Limits) -> tuple[tuple[str, ...], str
         return (), str(error)
 
 
-def take_survey(folder: Folder, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
+def take_survey(folder: Store, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
     """Survey of the dataset in a folder, without its shards.
 
     Args:
@@ -225,9 +225,9 @@ def take_survey(folder: Folder, *, hash_files: bool = True, limits: Limits | Non
         UsageError: There is no dataset in it.
     """
     limits = limits or spec_limits()
-    if not folder.root.is_dir():
+    if not folder.is_there:
         raise UsageError(f"{str(folder)!r} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
-    if not any((folder.root / name).exists() for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):
+    if not any(folder.status(name) for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):
         raise UsageError(
             f"{str(folder)!r} holds no dataset: none of {DESCRIPTOR_FILE}, {MANIFEST_FILE}, {RAW_DIR}/ is there"
         )
@@ -239,7 +239,7 @@ def take_survey(folder: Folder, *, hash_files: bool = True, limits: Limits | Non
     survey = Survey(
         folder,
         tree.entries,
-        tree.excess(limits),
+        tree.excess(limits) + _unlisted(folder),
         tree.num_beside,
         has_ignore_file=has_ignore_file,
         ignore_error=ignore_error,
@@ -251,13 +251,18 @@ def take_survey(folder: Folder, *, hash_files: bool = True, limits: Limits | Non
     return survey if survey.excess else _hash_outside(survey)
 
 
+def _unlisted(folder: Store) -> tuple[Mismatch, ...]:
+    """Why not all names are known; then as little is read as of too many."""
+    return (Mismatch({}, "names that a folder can hold", folder.unlisted),) if folder.unlisted else ()
+
+
 def _hash_outside(survey: Survey) -> Survey:
     """Digest what lies outside the shards and was not read yet; a file of several names is read once."""
     digests, unreadable = dict(survey.digests), {}
     read_by_others = {entry.path for files in survey.shard_folders.values() for entry in files}
     read_by_others |= {MANIFEST_FILE, *digests, *survey.release_files}
     limit = spec_limits().max_media_bytes
-    read: dict[tuple[int, int], str] = {}
+    read: dict[Identity, str] = {}
     for entry in survey.files:
         if entry.path in read_by_others:
             continue

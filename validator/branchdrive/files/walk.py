@@ -16,7 +16,7 @@ from branchdrive.contract.companion import Companions
 from branchdrive.contract.limits import Limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.errors import UsageError
-from branchdrive.formats.folder import Entry, Folder, Identity
+from branchdrive.formats.store import Entry, Identity, Store
 
 __all__ = ["Tree", "walk"]
 
@@ -49,7 +49,7 @@ class Tree:
         return tuple(found)
 
 
-def walk(dataset: Folder, companions: Companions, limits: Limits) -> Tree:
+def walk(dataset: Store, companions: Companions, limits: Limits) -> Tree:
     """Names in a dataset; no folder is left out but those that are companions, too deep, or entered before.
 
     Raises:

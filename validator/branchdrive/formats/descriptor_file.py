@@ -12,7 +12,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.refusal import mismatches_of
 from branchdrive.errors import DatasetError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 
 __all__ = ["differing_fields", "differing_values", "read_descriptor", "render_descriptor"]
 
@@ -24,7 +24,7 @@ def render_descriptor(descriptor: Descriptor) -> bytes:
     return dump_json(descriptor.model_dump(mode="json"))
 
 
-def read_descriptor(dataset: Folder) -> Descriptor:
+def read_descriptor(dataset: Store) -> Descriptor:
     """The descriptor of a dataset.
 
     Raises:
@@ -42,7 +42,7 @@ def read_descriptor(dataset: Folder) -> Descriptor:
     raise DatasetError(f"{dataset}: {DESCRIPTOR_FILE!r} is not a descriptor: {problem}; run `branchdrive-validate`")
 
 
-def differing_fields(dataset: Folder, descriptor: Descriptor) -> list[str]:
+def differing_fields(dataset: Store, descriptor: Descriptor) -> list[str]:
     """What tells a dataset from `descriptor`, one text for every field that differs.
 
     Raises:

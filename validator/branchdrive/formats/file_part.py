@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from io import BufferedReader
+from typing import BinaryIO
 
 __all__ = ["FilePart"]
 
@@ -18,7 +18,7 @@ class FilePart:
         is_hashed: Whether it is digested; then every byte is read, and what is seen are the bytes that are digested.
     """
 
-    def __init__(self, stream: BufferedReader, is_hashed: bool) -> None:
+    def __init__(self, stream: BinaryIO, is_hashed: bool) -> None:
         self._stream = stream
         self._base, self._bytes = 0, b""
         self.digest = hashlib.sha256() if is_hashed else None

@@ -1,4 +1,4 @@
-"""A dataset's place: what lies in it is listed, read and replaced without trusting a name.
+"""A folder as the place of a dataset: what lies in it is listed, read and replaced without trusting a name.
 
 No device is opened, and nothing outside of the folder is reached: files are opened relative to it step by step. A link
 is followed only where the caller asks for it, and into folders that the caller names.
@@ -9,7 +9,6 @@ Source: spec/09-security.md#paths.
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import stat
 from collections.abc import Iterable, Iterator
@@ -18,40 +17,16 @@ from dataclasses import dataclass
 from io import BufferedReader, FileIO
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, BinaryIO
 
-from branchdrive.contract.layout import unsafe_reason
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.durable import replace_file, sync_dir
 from branchdrive.formats.file_error import is_machine_fault, machine_faults
+from branchdrive.formats.store import Entry, Store
 
-__all__ = ["Entry", "Folder", "Identity", "size_of"]
-
-Identity: TypeAlias = tuple[int, int]
-"""Device and inode: equal for all names of one file or folder."""
-
-_NOTHING: Identity = (0, 0)
+__all__ = ["Folder", "folder_of"]
 
 _ADVICE = "a link is followed with `--follow-links --allow FOLDER`, or `follow_links=True, allow=[FOLDER]`"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One name below a folder; a link that is followed is what it leads to.
-
-    Attributes:
-        path: Relative to the folder.
-        kind: A stray link may not be followed; a folder that is known is reached by another path too.
-        size: Bytes of a file; 0 of anything else.
-        identity: Device and inode of a file or folder.
-        is_link: Whether a link leads there.
-    """
-
-    path: str
-    kind: Literal["file", "folder", "known_folder", "link", "stray_link", "special", "unreadable"]
-    size: int = 0
-    identity: Identity = _NOTHING
-    is_link: bool = False
 
 
 def _is_name(step: str) -> bool:
@@ -60,12 +35,8 @@ def _is_name(step: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Folder:
+class Folder(Store):
     """The folder of a dataset, and where links in it may lead.
-
-    Whoever reads a dataset does it through this value, which travels to workers. A place of another kind (a bucket, an
-    archive) has to list, to say what is at a path, to read whole and by ranges, and for writers to create, replace and
-    remove; to pin what it read, it can keep the version of an object where an entry has its identity.
 
     Attributes:
         root: The folder.
@@ -95,8 +66,14 @@ class Folder:
                 raise UsageError(f"{str(folder)!r} is not a folder; name one that links of the dataset lead into")
         return cls(Path(root), folders if follow_links else None)
 
-    def __str__(self) -> str:
-        return str(self.root)
+    @property
+    def is_there(self) -> bool:
+        """Whether there is such a folder."""
+        return self.root.is_dir()
+
+    def place(self, path: str) -> str:
+        """The whole path of what is at a path."""
+        return str(self.root / path)
 
     def entries(self, path: str = "", most: int | None = None) -> tuple[Entry, list[Entry]]:
         """A folder as it was opened, and what it holds, sorted by name; the folder itself where `path` is empty.
@@ -170,22 +147,10 @@ class Folder:
             raise DatasetError(f"{self}: {path!r} is not a regular file; put a regular file in its place")
         return BufferedReader(_File(descriptor, self.root / path))
 
-    def read(self, path: str, max_bytes: int) -> bytes:
-        """Content of a regular file.
-
-        Raises:
-            DatasetError: As `open`, or the file has more than `max_bytes` bytes.
-        """
-        with self.open(path) as stream:
-            content = stream.read(max_bytes + 1)
-        if len(content) > max_bytes:
-            raise DatasetError(f"{self}: {path!r} has more than {max_bytes} bytes, the spec limit")
-        return content
-
-    def digest(self, path: str) -> str:
-        """SHA-256 of a regular file, hexadecimal; errors as `open`."""
-        with self.open(path) as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+    def version_of(self, stream: BinaryIO) -> tuple[int, ...]:
+        """What tells an opened file from another under its name, and from itself after a change."""
+        found = os.fstat(stream.fileno())
+        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
     def replace(self, path: str, content: bytes) -> None:
         """Create or replace a file: durable, and never visible in parts.
@@ -207,12 +172,6 @@ class Folder:
         except FileNotFoundError:
             return
         sync_dir(place.parent)
-
-    def _steps(self, path: str) -> list[str]:
-        reason = unsafe_reason(path)
-        if reason is not None:
-            raise DatasetError(f"{self}: path {path!r} {reason}; use relative POSIX paths of plain names")
-        return path.split("/")
 
     @contextmanager
     def _refused(self, path: str) -> Iterator[None]:
@@ -293,9 +252,19 @@ class Folder:
             os.close(descriptor)
 
 
-def size_of(stream: BufferedReader) -> int:
-    """Bytes of an opened file."""
-    return os.fstat(stream.fileno()).st_size
+def folder_of(store: Store, what: str) -> Folder:
+    """The folder that a store is, for what no other place can do.
+
+    Args:
+        store: The place.
+        what: Who needs a folder, as messages name it.
+
+    Raises:
+        UsageError: It is another place.
+    """
+    if not isinstance(store, Folder):
+        raise UsageError(f"{store}: {what} needs a folder of this machine; copy the dataset into one")
+    return store
 
 
 def _entry_of(path: str, status: os.stat_result, *, is_link: bool = False) -> Entry:

@@ -16,6 +16,7 @@ import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 from branchdrive.contract.companion import IGNORE_FILE, Companions, ignored_names
@@ -33,10 +34,11 @@ from branchdrive.contract.mismatch import Mismatch
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import partial_path
 from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 
 __all__ = [
-    "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "malformed", "parse_manifest",
-    "read_manifest", "write_manifest",
+    "SAFE_PATH", "WELL_FORMED", "Manifest", "build_manifest", "check_against_manifest", "files_of", "malformed",
+    "parse_manifest", "read_manifest", "sound_manifest", "write_manifest",
 ]  # fmt: skip
 
 _QUALITY = "quality"
@@ -232,7 +234,7 @@ class _Reading:
             self.is_over = True
 
 
-def read_manifest(dataset: Folder) -> tuple[Manifest, list[Mismatch]]:
+def read_manifest(dataset: Store) -> tuple[Manifest, list[Mismatch]]:
     """The manifest of a dataset, and what is wrong with its text; see `parse_manifest`.
 
     Raises:
@@ -242,7 +244,7 @@ def read_manifest(dataset: Folder) -> tuple[Manifest, list[Mismatch]]:
 
 
 def build_manifest(
-    dataset: Folder, listed: Collection[str] = (), *, known: Mapping[str, str] = MappingProxyType({})
+    dataset: Store, listed: Collection[str] = (), *, known: Mapping[str, str] = MappingProxyType({})
 ) -> Manifest:
     """Digest every file of a dataset, except the manifest itself, a writer's working area and companions.
 
@@ -256,19 +258,10 @@ def build_manifest(
     Raises:
         DatasetError: The dataset holds a link, a special file or an unsafe path, or its ignore file is malformed.
     """
-    patterns: tuple[str, ...] = ()
-    if dataset.status(IGNORE_FILE) is not None:
-        try:
-            patterns = ignored_names(dataset.read(IGNORE_FILE, spec_limits().max_ignore_bytes))
-        except ValueError as error:
-            raise DatasetError(f"{dataset}: {IGNORE_FILE!r} {error}; correct it") from error
-    quality = dataset.status(_QUALITY)
-    card = [CARD_FILE] if quality is not None and quality.kind == "folder" else []
-    companions = Companions((*listed, *card), patterns)
-    return Manifest.of({path: known.get(path) or dataset.digest(path) for path in _files_of(dataset, companions)})
+    return Manifest.of({path: known.get(path) or dataset.digest(path) for path in files_of(dataset, listed)})
 
 
-def check_against_manifest(dataset: Folder, *, known: Mapping[str, str] = MappingProxyType({})) -> Manifest:
+def check_against_manifest(dataset: Store, *, known: Mapping[str, str] = MappingProxyType({})) -> Manifest:
     """Manifest of a finished dataset whose files are exactly those that it lists.
 
     Args:
@@ -287,8 +280,33 @@ def check_against_manifest(dataset: Folder, *, known: Mapping[str, str] = Mappin
     return found
 
 
-def _files_of(dataset: Folder, companions: Companions) -> Iterator[str]:
-    not_listed = {MANIFEST_FILE, partial_path(dataset.root / MANIFEST_FILE).name, STAGING_DIR}
+def sound_manifest(dataset: Store) -> Manifest:
+    """Manifest of a finished dataset that names each of its files, whatever is in them.
+
+    Raises:
+        DatasetError: There is none, it is damaged, or a file is missing or not listed.
+    """
+    manifest, mismatches = read_manifest(dataset)
+    if mismatches or manifest != Manifest.of(manifest.files):
+        raise DatasetError(f"{dataset}: {MANIFEST_FILE} is damaged; run `branchdrive-validate`")
+    different = sorted({*files_of(dataset, manifest.files)} ^ {*manifest.files})
+    if different:
+        raise DatasetError(f"{dataset}: {MANIFEST_FILE} and the files differ in {different[:5]}; restore them first")
+    return manifest
+
+
+def files_of(dataset: Store, listed: Collection[str] = ()) -> Iterator[str]:
+    """Paths of the files that the manifest of a dataset has to list; see `build_manifest`."""
+    patterns: tuple[str, ...] = ()
+    if dataset.status(IGNORE_FILE) is not None:
+        try:
+            patterns = ignored_names(dataset.read(IGNORE_FILE, spec_limits().max_ignore_bytes))
+        except ValueError as error:
+            raise DatasetError(f"{dataset}: {IGNORE_FILE!r} {error}; correct it") from error
+    quality = dataset.status(_QUALITY)
+    card = [CARD_FILE] if quality is not None and quality.kind == "folder" else []
+    companions = Companions((*listed, *card), patterns)
+    not_listed = {MANIFEST_FILE, partial_path(Path(MANIFEST_FILE)).name, STAGING_DIR}
     folders = [""]
     while folders:
         folder = folders.pop()

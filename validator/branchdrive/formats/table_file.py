@@ -5,7 +5,7 @@ Source: spec/03-layout.md#tables, spec/09-security.md#limits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -16,18 +16,21 @@ from branchdrive.contract.columns import LAYER_TABLES, TABLES, table_schema
 from branchdrive.contract.layer import LAYERS, layer_of_table, table_file, table_path, table_paths
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.formats.untrusted_parquet import decode_table, written_out_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["conform", "join_parts", "layer_table_paths", "part_numbers", "parts_of", "read_layer_table", "read_table"]
+__all__ = [
+    "conform", "join_parts", "layer_table_paths", "part_numbers", "partitions_of", "parts_of", "read_layer_table",
+    "read_table",
+]  # fmt: skip
 
 _ALL_IN_FIRST: Mapping[str, int] = MappingProxyType({})
 
 
-def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
+def layer_table_paths(dataset: Store, name: str) -> tuple[str, ...]:
     """Paths of the files of a derived layer's table that a dataset has, in the order of their rows.
 
     Raises:
@@ -41,7 +44,7 @@ def layer_table_paths(dataset: Folder, name: str) -> tuple[str, ...]:
     return paths
 
 
-def read_layer_table(dataset: Folder, name: str) -> pa.Table:
+def read_layer_table(dataset: Store, name: str) -> pa.Table:
     """The table `name` of a derived layer, from all of its files; see `read_table`."""
     return join_parts([read_table(dataset, path, name) for path in layer_table_paths(dataset, name)])
 
@@ -71,11 +74,9 @@ def parts_of(name: str, table: pa.Table, parts: Mapping[str, int] = _ALL_IN_FIRS
         parts: Number of the part of each group; the first, of a group that is not named.
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     declared, found = LAYER_TABLES[name], {}
-    for partition in declared.partitions or (None,):
-        rows = table if partition is None else table.filter(pc.equal(table["partition"], partition))
+    for partition, rows in partitions_of(name, table):
         numbers = part_numbers(rows["group_id"].to_pylist(), parts) if declared.is_of_groups else np.zeros(0, np.int64)
         for part in np.unique(numbers).tolist() or [0]:
             is_own = numbers == part
@@ -83,12 +84,20 @@ def parts_of(name: str, table: pa.Table, parts: Mapping[str, int] = _ALL_IN_FIRS
     return found
 
 
+def partitions_of(name: str, table: pa.Table) -> Iterator[tuple[str | None, pa.Table]]:
+    """Rows of a table of a derived layer by their partition; all of them, of ``None``, where it has no partitions."""
+    import pyarrow.compute as pc
+
+    for partition in LAYER_TABLES[name].partitions or (None,):
+        yield partition, table if partition is None else table.filter(pc.equal(table["partition"], partition))
+
+
 def part_numbers(groups: Sequence[str], parts: Mapping[str, int]) -> NDArray[np.int64]:
     """Number of the part of each of `groups`; the first, of a group that is not named."""
     return np.fromiter((parts.get(group, 0) for group in groups), np.int64, len(groups))
 
 
-def read_table(dataset: Folder, path: str, name: str) -> pa.Table:
+def read_table(dataset: Store, path: str, name: str) -> pa.Table:
     """The table `name` in the file `path` of a dataset, as stored: text as dictionaries, with the file's metadata.
 
     Raises:

@@ -12,14 +12,14 @@ from branchdrive.contract.identity import derived_content, document_digest
 from branchdrive.contract.layer import table_file
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_table
 from branchdrive.tables.content import table_digest
 
 __all__ = ["file_content", "layers_content", "read_document"]
 
 
-def layers_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
+def layers_content(dataset: Store, paths: Collection[str]) -> dict[str, str]:
     """Digest of the content of each derived layer whose tables and documents are `paths`.
 
     Raises:
@@ -28,7 +28,7 @@ def layers_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
     return derived_content(file_content(dataset, paths), paths)
 
 
-def file_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
+def file_content(dataset: Store, paths: Collection[str]) -> dict[str, str]:
     """Digest of what each of these tables and documents says, by path.
 
     Raises:
@@ -37,13 +37,13 @@ def file_content(dataset: Folder, paths: Collection[str]) -> dict[str, str]:
     return {path: _digest(dataset, path) for path in sorted(paths)}
 
 
-def _digest(dataset: Folder, path: str) -> str:
+def _digest(dataset: Store, path: str) -> str:
     if (file := table_file(path)) is not None:
         return table_digest(file.table, read_table(dataset, path, file.table))
     return document_digest(read_document(dataset, path))
 
 
-def read_document(dataset: Folder, path: str) -> object:
+def read_document(dataset: Store, path: str) -> object:
     """A JSON document, whether or not it conforms to its schema.
 
     Raises:

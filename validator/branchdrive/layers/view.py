@@ -10,15 +10,13 @@ from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import paths_by_table, table_path
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Mismatch, PreconditionError
-from branchdrive.tables.arrow import from_arrow
-from branchdrive.tables.frame import Alignment, Frame, Values, align, with_homes
+from branchdrive.tables.arrow import StoredFrame
+from branchdrive.tables.frame import Alignment, Frame, align, with_homes
 from branchdrive.tables.view import TableView
 
 if TYPE_CHECKING:
@@ -100,7 +98,7 @@ class ReleaseView:
         self.sizes = dict(sizes or {})
         self.content = dict(content or {})
         self.mismatches = dict(mismatches or {})
-        self._frames: dict[str, dict[str, Values]] = {}
+        self._frames: dict[str, Frame] = {}
         self._paths = paths_by_table(self.num_rows)
         self._expected: dict[str, Frame] = {}
         self._aligned: dict[str, Alignment] = {}
@@ -171,11 +169,7 @@ class ReleaseView:
     def rows(self, table: str) -> Frame:
         """Rows of a decoded table, whatever rules say about them; rules share them, so they cannot be changed."""
         if table not in self._frames:
-            frame = self._frames[table] = from_arrow(self.tables[table], table)
-            for values in frame.values():
-                values.flags.writeable = False
-                if np.ma.isMaskedArray(values):
-                    np.ma.getmask(values).flags.writeable = False
+            self._frames[table] = StoredFrame(self.tables[table], table)
         return self._frames[table]
 
     def document(self, path: str) -> Any:

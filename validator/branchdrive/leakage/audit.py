@@ -17,6 +17,7 @@ from typing import Any
 
 from branchdrive.leakage.battery import Part, ways
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.draw import Draw, drawn_here
 from branchdrive.leakage.gate import Code, Gate, Place, leakage_gate
 from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features
 from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
@@ -53,6 +54,7 @@ def audit_leakage(
     sequence_classifier: SequenceClassifier | Unavailable,
     remember: Remember = lambda _, compute: compute(),
     progress: Progress | None = None,
+    draw: Draw = drawn_here,
 ) -> dict[str, Any]:
     """Audit of replays, as JSON.
 
@@ -64,6 +66,7 @@ def audit_leakage(
         remember: Called with the name of a part and what computes it; returns the part. It may return what
             it kept of an earlier call under the same `audit_key`.
         progress: Called with parts done, parts in total, and the name of the next or `done`.
+        draw: How ranges of permutations and replicates of the gate are computed.
 
     Raises:
         ValueError: The seed is out of range, or the classifier gives scores of another shape.
@@ -92,7 +95,7 @@ def audit_leakage(
     def gate() -> dict[str, Any]:
         keys = [inputs.action_keys[index] for index in inputs.interventions]
         found = leakage_gate(
-            features, seed=seed, protocol=protocol.gate, layout=Layout.of(columns), streams=inputs.streams
+            features, seed=seed, protocol=protocol.gate, layout=Layout.of(columns), streams=inputs.streams, draw=draw
         )
         return gate_as_json(found, columns, inputs.streams.columns, keys)
 

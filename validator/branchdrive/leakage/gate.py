@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.leakage.draw import Draw, drawn_here
 from branchdrive.leakage.gate_statistics import GateStatistics
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Layout
@@ -130,6 +131,7 @@ def leakage_gate(
     protocol: GateProtocol | None = None,
     layout: Layout | None = None,
     streams: Streams | None = None,
+    draw: Draw = drawn_here,
 ) -> Gate:
     """Judge replay-specific features from before the branch.
 
@@ -141,6 +143,8 @@ def leakage_gate(
         protocol: Numbers of the gate; None is the default.
         layout: How features belong together; None keeps them apart and examines no product.
         streams: Recorded columns of the same groups and actions; None is none.
+        draw: How ranges of permutations and replicates are computed, with one thread of linear algebra or all
+            with as many as here.
 
     Raises:
         ValueError: The shape or the seed is wrong.
@@ -180,14 +184,14 @@ def leakage_gate(
         x, protocol, seed=seed, layout=layout, streams=dealt_streams(streams, protocol.num_folds)
     )
     observed = statistics.observed()
-    null = statistics.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes)
+    null = statistics.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes, draw=draw)
     p = [p_value(value, column) for value, column in zip(observed.tolist(), null.T, strict=True)]
     tests = tuple(map(Outcome, STATISTICS, observed.tolist(), p, holm(p).tolist()))
     places = strongest_places(statistics, null[:, STATISTICS.index("max_t")], protocol.num_named)
     codes = strongest_codes(statistics, null, protocol.num_named)
     reference = statistics.reference
     del statistics  # makes room for those of the replicates
-    effect = sensitivity(x, reference, null, protocol=protocol, seed=seed)
+    effect = sensitivity(x, reference, null, protocol=protocol, seed=seed, draw=draw)
     verdict, reason = gate_verdict(tests, protocol)
     return result(
         verdict, reason, bandwidth=reference.bandwidth, tests=tests, places=places, codes=codes, effect=effect

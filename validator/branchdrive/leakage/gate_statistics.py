@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.leakage.draw import Draw, drawn_here, ranges_of
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Concordance, Interaction, Layout, Ranks
 from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median_distance
@@ -142,17 +143,24 @@ class GateStatistics:
         rows = identity(self.table.num_groups, self.table.num_actions)
         return np.asarray(self._statistics(rows)[0])
 
-    def null(self, num_permutations: int, *, seed: int, scratch_bytes: int, start: int = 0) -> Array:
-        """Statistics of the random permutations ``start .. num_permutations - 1``, ``[permutations, statistics]``."""
+    def null(
+        self, num_permutations: int, *, seed: int, scratch_bytes: int, start: int = 0, draw: Draw = drawn_here
+    ) -> Array:
+        """Statistics of random permutations ``[permutations, statistics]``.
+
+        Args:
+            num_permutations: Number of the last, and one.
+            seed: Of the permutations.
+            scratch_bytes: Bound on what a chunk of them occupies.
+            start: Number of the first.
+            draw: How ranges of them are computed, which are of whole chunks, so that it decides no bit.
+        """
         shape = (self.table.num_groups, self.table.num_actions)
         widest = max(getattr(self, name).scratch_columns for name in STATISTICS)
         length = chunk_length(*shape, widest, scratch_bytes)
-        null = np.empty((num_permutations - start, len(STATISTICS)))
-        for first in range(start, num_permutations, length):
-            stop = min(first + length, num_permutations)
-            rows = group_orders(seed, _PERMUTATIONS, stop - first, *shape, first_row=first)
-            null[first - start : stop - start] = self._statistics(rows)
-        return null
+        ranges = [range(r.start + start, r.stop + start) for r in ranges_of(num_permutations - start, length)]
+        found = draw(_null_of, (self, seed, length), ranges)
+        return np.concatenate([np.empty((0, len(STATISTICS))), *found])
 
     def _statistics(self, rows: NDArray[np.intp]) -> Array:
         matrix = labels(rows)
@@ -166,3 +174,15 @@ class GateStatistics:
             "interaction": self.interaction(rows),
         }
         return np.stack([found[name] for name in STATISTICS], axis=1)
+
+
+def _null_of(subject: tuple[GateStatistics, int, int], numbers: range) -> Array:
+    """Statistics of permutations, chunk by chunk ``[permutations, statistics]``."""
+    statistics, seed, length = subject
+    shape = (statistics.table.num_groups, statistics.table.num_actions)
+    null = np.empty((len(numbers), len(STATISTICS)))
+    for first in range(numbers.start, numbers.stop, length):
+        stop = min(first + length, numbers.stop)
+        rows = group_orders(seed, _PERMUTATIONS, stop - first, *shape, first_row=first)
+        null[first - numbers.start : stop - numbers.start] = statistics._statistics(rows)
+    return null

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.leakage.rank_correlation import centred_ranks, spearman
+from branchdrive.leakage.rank_correlation import centred_ranks, places_of, spearman
 from branchdrive.leakage.structural import MAX_CORRELATION, TargetLeak
 
 __all__ = ["MAX_OUTCOME_CORRELATION", "SPEED", "num_alone", "outcome_codes", "revealed_outcomes"]
@@ -95,7 +95,8 @@ def revealed_outcomes(
             if there.sum() < _MIN_RANKED or not _is_rich(outcome.values[there], outcome.is_place):
                 continue
             rho = examined.correlation(outcome.values, there)
-            knowing = known.columns_beyond(_KNOWN_CORRELATION, outcome.values, there)
+            known_rho = rho if known is examined else known.correlation(outcome.values, there)
+            knowing = known.columns_of(np.abs(known_rho) > _KNOWN_CORRELATION)
             bound = MAX_CORRELATION if outcome.is_place else max_correlation
             for v in () if SPEED in knowing else np.flatnonzero(np.abs(rho) > bound).tolist():
                 is_known = len(knowing - {columns[v]}) >= _NUM_KNOWING
@@ -109,11 +110,11 @@ class _Ranked:
     """Variables ``[groups, variables]``, whose ranks among equal groups are computed once.
 
     Attributes:
-        places: Of every variable, the place of each group among the distinct values ``[groups]``.
+        places: Of every variable, the place of each group among the distinct values ``[variables, groups]``.
     """
 
     def __init__(self, variables: Array, columns: Sequence[str]) -> None:
-        self.places = [np.unique(column, return_inverse=True)[1] for column in variables.T]
+        self.places = places_of(variables)
         self._columns = columns
         self._there: bytes = b""
         self._ranks: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros(0))
@@ -124,10 +125,9 @@ class _Ranked:
             self._there, self._ranks = there.tobytes(), centred_ranks(self.places, there.astype(np.float64))
         return spearman(*self._ranks, np.where(there, values, 0.0)[:, None], there[:, None])
 
-    def columns_beyond(self, bound: float, values: Array, there: Mask) -> set[str]:
-        """Columns with a variable whose correlation is beyond `bound`."""
-        beyond = np.abs(self.correlation(values, there)) > bound
-        return {self._columns[v] for v in np.flatnonzero(beyond).tolist()}
+    def columns_of(self, marked: Mask) -> set[str]:
+        """Columns with a variable that is marked ``[variables]``."""
+        return {self._columns[v] for v in np.flatnonzero(marked).tolist()}
 
 
 def outcome_codes(categories: Sequence[str], targets: Array, available: Mask) -> list[tuple[int, str]]:

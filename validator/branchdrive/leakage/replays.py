@@ -14,6 +14,9 @@ ego history are this project's choice.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -35,6 +38,8 @@ __all__ = [
     "AVAILABILITY_NAMES",
     "CONTROL_NAMES",
     "EGO_NAMES",
+    "collected_inputs",
+    "core_valid_homes",
     "ego_frames",
     "inputs_of_facts",
     "replay_facts",
@@ -198,22 +203,49 @@ def replay_inputs(replays: Frame, groups: Frame, descriptor: Descriptor) -> Repl
     Raises:
         ValueError: A core-valid group is not integrity-complete, or images were not all decoded.
     """
+    return collected_inputs([replays], core_valid_homes(groups), descriptor)
+
+
+def core_valid_homes(groups: Frame) -> dict[str, str]:
+    """Partition of every core-valid group, of rows of `group_quality`."""
     valid = np.asarray(groups["core_valid"], bool)
-    home = dict(
-        zip(groups["group_id"][valid].tolist(), np.ma.filled(groups["partition"], "")[valid].tolist(), strict=True)
-    )
-    place = {group: row for row, group in enumerate(replays["group_id"].tolist())}
-    chosen = sorted(home)
-    if not set(chosen) <= place.keys():
-        raise ValueError(f"group {min(set(chosen) - place.keys())!r} is core-valid and not integrity-complete")
-    rows = np.array([place[group] for group in chosen], np.intp)
-    if not replays["has_images"][rows].all():
-        raise ValueError("not all images were decoded")
-    return inputs_of_facts(replays, rows, tuple(home[group] for group in chosen), descriptor)
+    homes = np.ma.filled(groups["partition"], "")[valid].tolist()
+    return dict(zip(groups["group_id"][valid].tolist(), homes, strict=True))
+
+
+def collected_inputs(replays: Iterable[Frame], homes: Mapping[str, str], descriptor: Descriptor) -> ReplayInputs:
+    """Inputs of the audit of some groups whose facts come in parts, of which one at a time is held.
+
+    Args:
+        replays: Facts of the replays of groups, as `replay_facts` gives them, each group in one part.
+        homes: Partition of each group of the audit.
+        descriptor: As `replay_inputs` takes it.
+
+    Raises:
+        ValueError: As `replay_inputs`.
+    """
+    chosen = sorted(homes)
+    place = {group: row for row, group in enumerate(chosen)}
+    found: dict[str, NDArray[Any]] = {}
+    is_found = np.zeros(len(chosen), bool)
+    for part in replays:
+        groups = part["group_id"].tolist()
+        rows = np.array([row for row, group in enumerate(groups) if group in place], np.intp)
+        at = np.array([place[groups[row]] for row in rows.tolist()], np.intp)
+        if not part["has_images"][rows].all():
+            raise ValueError("not all images were decoded")
+        for name, values in part.items():
+            if name not in found:
+                found[name] = np.zeros((len(chosen), *values.shape[1:]), values.dtype)
+            found[name][at] = values[rows]
+        is_found[at] = True
+    if not is_found.all():
+        raise ValueError(f"group {chosen[int(np.argmin(is_found))]!r} is core-valid and not integrity-complete")
+    return inputs_of_facts(found, slice(None), tuple(homes[group] for group in chosen), descriptor)
 
 
 def inputs_of_facts(
-    replays: Frame, rows: NDArray[np.intp], partitions: tuple[str, ...], descriptor: Descriptor
+    replays: Frame, rows: NDArray[np.intp] | slice, partitions: tuple[str, ...], descriptor: Descriptor
 ) -> ReplayInputs:
     """Inputs of some groups.
 

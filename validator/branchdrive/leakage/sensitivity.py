@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.leakage.draw import Draw, drawn_here, ranges_of
 from branchdrive.leakage.gate_statistics import GateStatistics, Reference
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.table import checked
@@ -95,7 +96,13 @@ def offsets_of(pattern: Pattern, protocol: GateProtocol) -> tuple[float, ...]:
 
 
 def sensitivity(
-    features: ArrayLike, reference: Reference, null: Array, *, protocol: GateProtocol, seed: int
+    features: ArrayLike,
+    reference: Reference,
+    null: Array,
+    *,
+    protocol: GateProtocol,
+    seed: int,
+    draw: Draw = drawn_here,
 ) -> Sensitivity:
     """Minimum detectable effect in features ``[groups, actions, features]``; nothing is found where nothing can move.
 
@@ -105,25 +112,49 @@ def sensitivity(
         null: Null distribution ``[permutations, statistics]``.
         protocol: Numbers of the gate.
         seed: Of the replicates.
+        draw: How ranges of replicates are computed.
     """
-    x = checked(features)
     alpha = protocol.alpha / len(STATISTICS)
     critical = np.array([critical_value(column, alpha) for column in null.T])
+    replicates = _Replicates(checked(features), reference, critical, protocol, seed)
+    # A number for every replicate of every pattern: pattern by pattern.
+    every = draw(_found_in, replicates, ranges_of(len(PATTERNS) * protocol.num_replicates, 1))
+    flat = [found for part in every for found in part]
     detections = []
-    for pattern in PATTERNS:
-        offsets = offsets_of(pattern, protocol)
-        found = np.zeros((len(offsets), protocol.num_replicates, len(STATISTICS)), np.bool_)
-        for replicate in range(protocol.num_replicates):
-            for place in range(len(offsets))[::-1]:
-                moved = replicate_values(x, reference, pattern, offsets[place], replicate, seed=seed)
-                if moved is not None:
-                    found[place, replicate] = GateStatistics.like(reference, moved, protocol).observed() > critical
-                if not found[place, replicate].any():
-                    break
-        for offset_sd, of_offset in zip(offsets, found, strict=True):
+    for index, pattern in enumerate(PATTERNS):
+        own = flat[index * protocol.num_replicates : (index + 1) * protocol.num_replicates]
+        for offset_sd, of_offset in zip(offsets_of(pattern, protocol), np.stack(own, axis=1), strict=True):
             shares = tuple(of_offset.mean(axis=0).tolist())
             detections.append(Detection(pattern, offset_sd, shares, float(of_offset.any(axis=1).mean())))
     return Sensitivity(alpha, tuple(critical.tolist()), tuple(detections))
+
+
+class _Replicates(NamedTuple):
+    """What the replicates are a function of beside their numbers."""
+
+    features: Array
+    reference: Reference
+    critical: Array
+    protocol: GateProtocol
+    seed: int
+
+
+def _found_in(subject: _Replicates, numbers: range) -> list[NDArray[np.bool_]]:
+    """Which statistics find each offset of replicates, ``[offsets, statistics]`` each."""
+    x, reference, critical, protocol, seed = subject
+    every = []
+    for number in numbers:
+        pattern, replicate = PATTERNS[number // protocol.num_replicates], number % protocol.num_replicates
+        offsets = offsets_of(pattern, protocol)
+        found = np.zeros((len(offsets), len(STATISTICS)), np.bool_)
+        for place in range(len(offsets))[::-1]:
+            moved = replicate_values(x, reference, pattern, offsets[place], replicate, seed=seed)
+            if moved is not None:
+                found[place] = GateStatistics.like(reference, moved, protocol).observed() > critical
+            if not found[place].any():
+                break
+        every.append(found)
+    return every
 
 
 def replicate_values(

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.leakage.rank_correlation import centred_ranks, spearman
+from branchdrive.leakage.rank_correlation import centred_ranks, places_of, spearman
 from branchdrive.statistics.random_words import orders, words
 
 __all__ = [
@@ -68,7 +68,7 @@ def ranked_targets(variables: Array, targets: Array, available: Mask) -> list[Ta
     """
     if len(variables) < _MIN_GROUPS:
         return []
-    places = [np.unique(column, return_inverse=True)[1] for column in variables.T]
+    places = places_of(variables)
     ranked: dict[bytes, tuple[Array, Array]] = {}  # most targets are available in the same groups
     found = []
     for target in range(targets.shape[2]):

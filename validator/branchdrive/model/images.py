@@ -17,7 +17,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.errors import DatasetError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.model.inputs import empty_columns
 from branchdrive.raw.media.media_folder import ImagePlace, MediaFolder
 from branchdrive.raw.shard_view import ShardView
@@ -38,7 +38,7 @@ class ImageHistory:
 
     def __init__(
         self,
-        dataset: Folder,
+        dataset: Store,
         descriptor: Descriptor,
         index: Mapping[str, Values],
         groups: Sequence[str],
@@ -79,7 +79,8 @@ class ImageHistory:
             places.setdefault(str(self._index["shard"][row]), []).append(place)
         found: list[bytes] = []
         for shard, there in places.items():
-            if not (self._dataset.root / shard).is_dir():
+            status = self._dataset.status(shard)
+            if status is None or status.kind != "folder":
                 raise DatasetError(
                     f"{self._dataset}: {shard!r} is not here, and images lie in the raw layer; use the release in "
                     "place, which `branchdrive build DATASET` makes without `--output`"
@@ -90,7 +91,7 @@ class ImageHistory:
 
 
 def _packed(
-    dataset: Folder, index: Mapping[str, Values], groups: Sequence[str], cameras: Sequence[str]
+    dataset: Store, index: Mapping[str, Values], groups: Sequence[str], cameras: Sequence[str]
 ) -> NDArray[np.int64]:
     """Row of the index of every image ``[N, 16, C]``, -1 where there is none."""
     found = np.full((len(groups), len(HISTORY_OFFSETS), len(cameras)), -1, np.int64)

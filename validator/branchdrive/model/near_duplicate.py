@@ -24,13 +24,14 @@ from branchdrive.contract.comparison import TOLERANCE
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import history_of
 from branchdrive.model.arrays import pack_history
-from branchdrive.model.normalisation import fit_controls, fit_state, training
+from branchdrive.model.normalisation import Training, fit_controls, fit_state, training
 from branchdrive.statistics.split import TRAINING
 from branchdrive.tables.frame import Frame, of_groups
 
 __all__ = [
     "MIN_TRAINING", "QUANTILE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
-    "history_vectors", "near_duplicate_flags", "near_duplicates", "nearest_other",
+    "history_vectors", "judged_distances", "judged_flags", "near_duplicates",
+    "nearest_in_training", "nearest_other", "standardised", "valid_groups",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -107,25 +108,41 @@ def near_duplicates(vectors: ArrayLike, partition_of: Sequence[str]) -> NearDupl
     """
     home = np.asarray(partition_of, np.str_)
     points = np.asarray(vectors, np.float64)
-    in_training = points[home == TRAINING] if home.shape == points.shape[:1] else points[:0]
-    if len(in_training) < 2:
+    in_training = home == TRAINING
+    if home.shape != points.shape[:1] or in_training.sum() < 2:
         raise ValueError(
-            f"vectors of shape {list(points.shape)} and {len(home)} partitions, {len(in_training)} groups in training; "
-            "expected [groups, dimensions], [groups] and at least two"
+            f"vectors of shape {list(points.shape)} and {len(home)} partitions, {in_training.sum()} groups in "
+            "training; expected [groups, dimensions], [groups] and at least two"
         )
-    threshold = 0.0
-    if len(in_training) >= MIN_TRAINING:
-        threshold = float(np.quantile(nearest_other(in_training, np.arange(len(in_training))).distance, QUANTILE))
-    nearest = nearest_other(points, np.unique(home, return_inverse=True)[1])
+    own = nearest_in_training(points, in_training) if in_training.sum() >= MIN_TRAINING else None
+    return judged_distances(own, nearest_other(points, np.unique(home, return_inverse=True)[1]))
+
+
+def nearest_in_training(points: Array, in_training: NDArray[np.bool_], rows: slice = slice(None)) -> Array:
+    """Distance of groups in training to the nearest other one.
+
+    Args:
+        points: Standardised histories ``[groups, dimensions]``.
+        in_training: Whether a group is in training ``[groups]``.
+        rows: Which of the groups in training to look at.
+    """
+    among = points[in_training]
+    return nearest_other(among, np.arange(len(among)), rows).distance
+
+
+def judged_distances(in_training: Array | None, nearest: Nearest) -> NearDuplicates:
+    """Near duplicates, by distances of groups in training, ``None`` for too few of them, and of all groups."""
+    threshold = 0.0 if in_training is None else float(np.quantile(in_training, QUANTILE))
     return NearDuplicates(threshold, nearest, (nearest.distance < threshold) | (nearest.distance == 0))
 
 
-def nearest_other(points: ArrayLike, labels: ArrayLike) -> Nearest:
+def nearest_other(points: ArrayLike, labels: ArrayLike, wanted: slice = slice(None)) -> Nearest:
     """For every point the nearest point of another label; among equally near ones the first.
 
     Args:
         points: ``[points, dimensions]``, all finite.
         labels: ``[points]``, integers.
+        wanted: Points to look at, consecutive ones; all by default.
 
     Raises:
         ValueError: Shapes do not match, or a coordinate is not a number or beyond 1e100.
@@ -135,14 +152,15 @@ def nearest_other(points: ArrayLike, labels: ArrayLike) -> Nearest:
         raise ValueError(f"points of shape {list(at.shape)} and labels of shape {list(label.shape)} do not match")
     if not (np.abs(at) <= _MAX_COORDINATE).all():
         raise ValueError(f"a coordinate of a point is not a number or beyond {_MAX_COORDINATE:g}")
-    distance, row = np.full(len(at), np.inf), np.full(len(at), -1)
+    begin, end, _ = wanted.indices(len(at))
+    distance, row = np.full(end - begin, np.inf), np.full(end - begin, -1)
     kept = _representatives(at, label)
     block = max(1, _MAX_CELLS // max(1, len(kept)))
     square = np.square(at).sum(axis=1)
     # A dot product of n terms is off by less than n eps |a| |b|; twice over and generously rounded up.
     slack = 8 * (at.shape[1] + 8) * np.finfo(np.float64).eps
-    for start in range(0, len(at), block):
-        rows = np.arange(start, min(start + block, len(at)))
+    for start in range(begin, end, block):
+        rows = np.arange(start, min(start + block, end))
         size = square[rows, None] + square[kept]
         other = label[rows, None] != label[kept]
         rough = size - 2 * (at[rows] @ at[kept].T)
@@ -152,7 +170,8 @@ def nearest_other(points: ArrayLike, labels: ArrayLike) -> Nearest:
         exact = _distance(at, rows[here], there)
         order = np.lexsort((there, exact, here))
         first = order[np.flatnonzero(np.diff(here[order], prepend=-1))]
-        distance[rows[here[first]]], row[rows[here[first]]] = exact[first], there[first]
+        found = rows[here[first]] - begin
+        distance[found], row[found] = exact[first], there[first]
     return Nearest(distance, row)
 
 
@@ -193,13 +212,26 @@ def duplicates_among(
         ValueError: Fewer than two groups are in training.
         DatasetError: A group lacks a row.
     """
-    histories = [pack_history(state, "state", groups), pack_history(past_controls, "past_controls", groups)]
-    fitted_on = training(groups, assignment)
+    states, controls = pack_history(state, "state", groups), pack_history(past_controls, "past_controls", groups)
+    points = standardised(states, controls, training(groups, assignment))
+    return near_duplicates(points, [assignment[group] for group in groups])
+
+
+def standardised(state: Array, controls: Array, fitted_on: Training) -> Array:
+    """Histories ``[groups, dimensions]`` that are scaled on those in training, without what is not recorded.
+
+    Args:
+        state: ``[groups, 16, features]``.
+        controls: ``[groups, 80, 3]``.
+        fitted_on: Which groups are in training.
+
+    Raises:
+        ValueError: None is.
+    """
     scaled = []
-    for values, fit in zip(histories, (fit_state, fit_controls), strict=True):
+    for values, fit in zip((state, controls), (fit_state, fit_controls), strict=True):
         scaled.append(fit(history_of(values), SENSOR_PROFILE, fitted_on).apply(values))
-    scaled = [part[..., np.isfinite(part).any(axis=(0, 1))] for part in scaled]  # what is not recorded tells nothing
-    return near_duplicates(history_vectors(*scaled), [assignment[group] for group in groups])
+    return history_vectors(*(part[..., np.isfinite(part).any(axis=(0, 1))] for part in scaled))
 
 
 class DuplicateFlags(NamedTuple):
@@ -207,13 +239,6 @@ class DuplicateFlags(NamedTuple):
 
     flagged: NDArray[np.bool_]
     doubtful: NDArray[np.bool_]
-
-
-def near_duplicate_flags(
-    groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]
-) -> NDArray[np.bool_]:
-    """Which groups are core-valid, outside of training, and near duplicates across partitions ``[groups]``."""
-    return duplicate_flags(groups, state, past_controls, assignment).flagged
 
 
 def duplicate_flags(groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]) -> DuplicateFlags:
@@ -227,10 +252,37 @@ def duplicate_flags(groups: Frame, state: Frame, past_controls: Frame, assignmen
         past_controls: Rows of the table `past_controls`, likewise.
         assignment: Partition by group id.
     """
+    valid = valid_groups(groups, assignment)
+    found = None
+    if valid:
+        found = duplicates_among(of_groups(state, valid), of_groups(past_controls, valid), valid, assignment)
+    return judged_flags(groups, valid, found, assignment)
+
+
+def valid_groups(groups: Frame, assignment: Mapping[str, str]) -> list[str]:
+    """Core-valid groups, sorted, which are compared; none where fewer than two of them are in training.
+
+    Args:
+        groups: Rows of `group_quality` with `core_valid`.
+        assignment: Partition by group id.
+    """
     valid = sorted(groups["group_id"][np.asarray(groups["core_valid"], bool)].tolist())
-    if sum(assignment[group] == TRAINING for group in valid) < 2:
+    return valid if sum(assignment[group] == TRAINING for group in valid) >= 2 else []
+
+
+def judged_flags(
+    groups: Frame, valid: Sequence[str], found: NearDuplicates | None, assignment: Mapping[str, str]
+) -> DuplicateFlags:
+    """What near duplicates among the groups `valid` say of all groups.
+
+    Args:
+        groups: Rows of `group_quality`, of which `group_id` is read.
+        valid: Groups that were compared, in order.
+        found: What came of it; ``None`` where none were.
+        assignment: Partition by group id.
+    """
+    if found is None:
         return DuplicateFlags(*np.zeros((2, len(groups["group_id"])), bool))
-    found = duplicates_among(of_groups(state, valid), of_groups(past_controls, valid), valid, assignment)
     judged = {group: row for row, group in enumerate(valid) if assignment[group] != TRAINING}
     rows = [judged.get(group, len(valid)) for group in groups["group_id"].tolist()]
     return DuplicateFlags(*(np.append(flags, False)[rows] for flags in (found.flagged, found.doubtful)))

@@ -28,10 +28,21 @@ from branchdrive.driving.target import TARGETS, TRAJECTORY, Targets, Trajectory
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import ModelArrays
 from branchdrive.model.features import EXPERT_PROFILE, HISTORIES
-from branchdrive.model.normalisation import Scaling, fit_controls, fit_state, fit_targets, fit_trajectory, training
+from branchdrive.model.normalisation import (
+    Scaling,
+    Training,
+    fit_controls,
+    fit_state,
+    fit_targets,
+    fit_trajectory,
+    training,
+)
 from branchdrive.statistics.split import TRAINING
 
-__all__ = ["Scalings", "normalisation_document", "normalisation_mismatches", "scalings_of"]
+__all__ = [
+    "Scalings", "fit_table", "fitted_arrays", "normalisation_document", "normalisation_mismatches",
+    "scalings_document", "scalings_of",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -65,18 +76,50 @@ def normalisation_document(arrays: ModelArrays, assignment: Mapping[str, str]) -
     """
     order = np.argsort(np.array(arrays.groups, object), kind="stable")
     fitted_on = training([arrays.groups[i] for i in order], assignment)
-    histories = {
-        "state": fit_state(history_of(arrays.state[order]), SENSOR_PROFILE, fitted_on),
-        "past_controls": fit_controls(history_of(arrays.controls[order]), SENSOR_PROFILE, fitted_on),
-        "expert": fit_state(history_of(arrays.expert[order]), EXPERT_PROFILE, fitted_on),
-    }
+    fitted = [fit_table(table, array[order], fitted_on) for table, array in fitted_arrays(arrays).items()]
+    return scalings_document(Scalings(*fitted), int(fitted_on.rows.sum()))
+
+
+def fitted_arrays(arrays: ModelArrays) -> dict[str, Array]:
+    """What scalings are fitted on, by table in the order of `Scalings`, with NaN for what is not available."""
     targets, paths = arrays.scalars, arrays.trajectories
-    scalars = fit_targets(Targets(targets.values[order], targets.available[order]), fitted_on)
-    trajectories = fit_trajectory(Trajectory(paths.values[order], paths.available[order]), fitted_on)
     return {
-        "split_digest": fitted_on.split_digest,
+        "state": arrays.state,
+        "past_controls": arrays.controls,
+        "expert": arrays.expert,
+        "scalars": np.where(targets.available, targets.values, np.nan),
+        "trajectories": np.where(paths.available[..., None], paths.values, np.nan),
+    }
+
+
+def fit_table(table: str, values: Array, fitted_on: Training) -> Scaling:
+    """Scaling of one of `fitted_arrays`, with groups in sorted order; of trajectories also of some steps alone.
+
+    Raises:
+        ValueError: A value that must be there is in no training row.
+    """
+    match table:
+        case "state":
+            return fit_state(history_of(values), SENSOR_PROFILE, fitted_on)
+        case "past_controls":
+            return fit_controls(history_of(values), SENSOR_PROFILE, fitted_on)
+        case "expert":
+            return fit_state(history_of(values), EXPERT_PROFILE, fitted_on)
+        case "scalars":
+            return fit_targets(Targets(values, np.isfinite(values)), fitted_on)
+        case "trajectories":
+            return fit_trajectory(Trajectory(values, np.asarray(np.isfinite(values).all(axis=-1))), fitted_on)
+    raise KeyError(table)
+
+
+def scalings_document(scalings: Scalings, num_groups: int) -> dict[str, Any]:
+    """The document of scalings that were fitted on `num_groups` training groups of one split."""
+    histories = {"state": scalings.state, "past_controls": scalings.controls, "expert": scalings.expert}
+    scalars, trajectories = scalings.scalars, scalings.trajectories
+    return {
+        "split_digest": scalings.state.split_digest,
         "partition": TRAINING,
-        "num_groups": int(fitted_on.rows.sum()),
+        "num_groups": num_groups,
         **{
             name: [
                 {"feature": feature, "offset": offset, "scale": scale, "limit": _or_null(limit)}

@@ -18,7 +18,7 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.mismatch import Mismatch
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.model import arrays
 from branchdrive.model.normalisation_document import Scalings, scalings_of
@@ -42,7 +42,7 @@ class PackedTables:
     In which partition a group is decides nothing but `partitions`, so layers that differ in that have one of these.
     """
 
-    def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
+    def __init__(self, folder: Store, descriptor: Descriptor) -> None:
         self.folder = folder
         self.descriptor = descriptor
 
@@ -67,7 +67,7 @@ class PackedTables:
         frame = self.frame("contexts")
         partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
         if len(partitions) != len(frame["group_id"]):
-            raise DatasetError(f"{self.folder.root}: table `contexts` repeats a group; run `branchdrive-validate`")
+            raise DatasetError(f"{self.folder}: table `contexts` repeats a group; run `branchdrive-validate`")
         return partitions
 
     def _history(self, table: str) -> Array:
@@ -106,7 +106,7 @@ class PackedTables:
         found, expected = None if encoded is None else encoded.shape[1], None if declared is None else declared.width
         if found != expected:
             raise DatasetError(
-                f"{self.folder.root}: {table_path('actions')!r}: encodings have width {found}, and the descriptor "
+                f"{self.folder}: {table_path('actions')!r}: encodings have width {found}, and the descriptor "
                 f"declares {expected}; run `branchdrive-validate`"
             )
         return encoded
@@ -129,7 +129,7 @@ class PackedTables:
         return scalings_of(model_document(self.folder, NORMALISATION_FILE))
 
 
-def model_document(folder: Folder, path: str) -> dict[str, Any]:
+def model_document(folder: Store, path: str) -> dict[str, Any]:
     """A document of a layer that conforms to its schema.
 
     Raises:

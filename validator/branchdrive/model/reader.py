@@ -20,9 +20,13 @@ from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import nearest, quote
 from branchdrive.driving.feature import InputContract
+from branchdrive.driving.target import TARGETS, Targets
+from branchdrive.driving.utility import PROFILES, fit_scale, utility
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.folder import folder_of
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import conform, read_layer_table
 from branchdrive.model import arrays
 from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
@@ -45,21 +49,22 @@ FEATURES_FILE = "model/features.json"
 VARIANTS_FILE = "quality/variants.json"
 
 
-def open_model(root: str | Path, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> ModelLayer:
-    """Open the model layer of the dataset or detached release in the folder `root`.
+def open_model(root: Place, *, follow_links: bool = False, allow: Sequence[str | Path] = ()) -> ModelLayer:
+    """Open the model layer of the dataset or detached release at `root`.
 
     Args:
-        root: The dataset folder.
+        root: The dataset folder; or a bucket, an archive, or a place that is open, see `open_store`.
         follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
         allow: Folders that links may lead into, such as the folder of blobs of a download cache.
 
     Raises:
         DatasetError: There is no dataset or it has no model layer, or its features are not those of its descriptor.
-        UsageError: Folders are allowed although links are not followed, or one is no folder.
+        UsageError: As `open_store`.
+        PlatformError: As `open_store`.
     """
-    if not Path(root).is_dir():
+    folder = open_store(root, follow_links=follow_links, allow=allow)
+    if not folder.is_there:
         raise DatasetError(f"{str(root)!r} is not a folder; pass the folder that holds `branchdrive.json`")
-    folder = Folder.at(root, follow_links=follow_links, allow=allow)
     descriptor = read_descriptor(folder)
     if LAYER not in descriptor.layers:
         raise DatasetError(
@@ -77,11 +82,11 @@ class ModelLayer:
     feature that the dataset does not record (`features.json` says which) is NaN in its units and 0 where normalised.
 
     Attributes:
-        folder: The dataset or detached release.
+        folder: Where the dataset or detached release is.
         descriptor: What the dataset is.
     """
 
-    def __init__(self, folder: Folder, descriptor: Descriptor) -> None:
+    def __init__(self, folder: Store, descriptor: Descriptor) -> None:
         self.folder = folder
         self.descriptor = descriptor
         self._packed = PackedTables(folder, descriptor)
@@ -96,8 +101,12 @@ class ModelLayer:
 
     @property
     def root(self) -> Path:
-        """Where the dataset or detached release is."""
-        return self.folder.root
+        """Folder of the dataset or detached release.
+
+        Raises:
+            UsageError: It is in no folder.
+        """
+        return folder_of(self.folder, "this").root
 
     @property
     def candidate_order(self) -> tuple[str, ...]:
@@ -147,7 +156,7 @@ class ModelLayer:
         """
         rows, surroundings = self._rows(partition, variant), self._packed.surroundings
         if surroundings is None:
-            raise UsageError(f"{self.root}: has no evidence of surroundings; use the contract 'mixed' or 'sensor'")
+            raise UsageError(f"{self.folder}: has no evidence of surroundings; use the contract 'mixed' or 'sensor'")
         return PrivilegedInputs(
             **self._histories(rows, normalised=normalised),
             expert=self._expert_rows(rows, normalised),
@@ -172,6 +181,32 @@ class ModelLayer:
             available = available & np.isfinite(scaling.scalars.offset)
         return ModelTargets(scalars, available, trajectories)
 
+    def outcomes(self, partition: str | None = None, *, variant: str | None = None) -> pa.Table:
+        """What happened to every candidate, and how desirable that is by each profile: one row for each.
+
+        The six targets are null where they are not available. A column ``utility_<profile>`` for each of
+        `branchdrive.driving.utility.PROFILES` weighs them by their spread in training and is null where one that it
+        weighs is not available; it is a preference, and no judgement of safety.
+        See `sensor_inputs` for arguments and errors.
+        """
+        import pyarrow as pa
+
+        groups, found = self.groups(partition, variant), self.targets(partition, variant=variant)
+        targets, num = Targets(found.scalars, found.scalars_available), len(self.candidate_order)
+        train = self.targets("train")
+        scale = fit_scale(Targets(train.scalars, train.scalars_available))
+        columns: dict[str, Any] = {
+            "group_id": pa.array([group for group in groups for _ in range(num)], pa.string()),
+            "action_key": pa.array([*self.candidate_order] * len(groups), pa.string()),
+        }
+        for place, target in enumerate(TARGETS):
+            missing = ~targets.available[..., place].ravel()
+            columns[target.name] = pa.array(targets.values[..., place].ravel(), mask=missing)
+        for name, profile in PROFILES.items():
+            worth = utility(targets, scale, profile).ravel()
+            columns[f"utility_{name}"] = pa.array(worth, mask=np.isnan(worth))
+        return pa.table(columns)
+
     def actions(self) -> NDArray[np.float32]:
         """Encoded candidate actions, float32 ``[A, encoding width]``, in `candidate_order`.
 
@@ -180,7 +215,9 @@ class ModelLayer:
         """
         encoded = self._packed.actions
         if encoded is None:
-            raise UsageError(f"{self.root}: declares no encoding of its action bank; encode `candidate_order` yourself")
+            raise UsageError(
+                f"{self.folder}: declares no encoding of its action bank; encode `candidate_order` yourself"
+            )
         return encoded.copy()
 
     def column(
@@ -220,7 +257,7 @@ class ModelLayer:
         declared = InputContract.named(contract).admit_stream(stream)
         if stream not in self.descriptor.streams:
             claimed = [name for name in self.descriptor.streams if STREAMS[name].cameras]
-            raise UsageError(f"{self.root}: has no images of the stream {stream!r}; it claims {claimed}")
+            raise UsageError(f"{self.folder}: has no images of the stream {stream!r}; it claims {claimed}")
         groups = self.groups(partition, variant)
         return ImageHistory(self.folder, self.descriptor, self._packed.media_index, groups, declared.cameras)
 
@@ -238,7 +275,7 @@ class ModelLayer:
         return conform(self._packed.stored(table), table)
 
     def __repr__(self) -> str:
-        return f"ModelLayer({self.descriptor.dataset_id!r} at {str(self.root)!r})"
+        return f"ModelLayer({self.descriptor.dataset_id!r} at {str(self.folder)!r})"
 
     @property
     def _contexts(self) -> Mapping[str, str]:
@@ -256,10 +293,12 @@ class ModelLayer:
         if partition is not None:
             wanted &= partitions == partition
             if not wanted.any() and partition not in PARTITIONS:
-                raise UsageError(f"{self.root}: unknown partition {quote(partition)}; {nearest(partition, PARTITIONS)}")
+                raise UsageError(
+                    f"{self.folder}: unknown partition {quote(partition)}; {nearest(partition, PARTITIONS)}"
+                )
             if not wanted.any():
                 present = sorted(set(partitions.tolist()))
-                raise UsageError(f"{self.root}: no group is in the partition {partition!r}; groups are in {present}")
+                raise UsageError(f"{self.folder}: no group is in the partition {partition!r}; groups are in {present}")
         if variant is not None:
             members = self._variant(variant)
             wanted &= np.array([group_id in members for group_id in self._group_ids], bool)
@@ -271,17 +310,17 @@ class ModelLayer:
             declared = {variant.name: variant for variant in (EXTENDED, *declared_of(document))}
         except UsageError as error:
             raise DatasetError(
-                f"{self.root}: {VARIANTS_FILE!r} declares no variants; run `branchdrive-validate`"
+                f"{self.folder}: {VARIANTS_FILE!r} declares no variants; run `branchdrive-validate`"
             ) from error
         if name not in declared:
-            raise UsageError(f"{self.root}: no variant {name!r}; there are {list(declared)}")
+            raise UsageError(f"{self.folder}: no variant {name!r}; there are {list(declared)}")
         quality = from_arrow(read_layer_table(self.folder, "group_quality"), "group_quality")
         found = frozenset(quality["group_id"][members(quality, declared[name].where)].tolist())
         outside = sorted(found - self._contexts.keys())
         if outside:
             raise UsageError(
-                f"{self.root}: {len(outside)} groups of the variant {name!r}, as {outside[0]!r}, are not in the frozen "
-                "population, and the model layer has no rows of them"
+                f"{self.folder}: {len(outside)} groups of the variant {name!r}, as {outside[0]!r}, are not in the "
+                "frozen population, and the model layer has no rows of them"
             )
         return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.text import NONE, counted
+from branchdrive.contract.text import NONE, counted, size_text
 from branchdrive.files.survey import take_survey
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.reruns import NO_COMMAND, Reruns
@@ -15,8 +15,6 @@ from branchdrive.text.table import Column, Table
 __all__ = ["cost"]
 
 _TITLE = "Storage and time"
-
-_UNITS = ("byte", "KiB", "MiB", "GiB", "TiB")
 
 
 def cost(pilot: Pilot, reruns: Reruns | None) -> Section:
@@ -83,14 +81,6 @@ def _table_sizes(pilot: Pilot) -> Iterator[tuple[str, int, int]]:
     for name in pilot.descriptor.tables:
         tables = [part.view[name].arrow for part in pilot.parts]
         yield name, sum(table.num_rows for table in tables), sum(table.nbytes for table in tables)
-
-
-def size_text(num_bytes: int) -> str:
-    """Bytes in the largest unit of which there is one at least."""
-    size, place = float(num_bytes), 0
-    while size >= 1024 and place < len(_UNITS) - 1:
-        size, place = size / 1024, place + 1
-    return counted(num_bytes, "byte") if not place else f"{size:.1f} {_UNITS[place]}"
 
 
 def _long(seconds: float) -> str:

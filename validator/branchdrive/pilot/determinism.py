@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from branchdrive.errors import BranchDriveError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.pilot.pilot import Pilot
 from branchdrive.pilot.rerun import Run
 from branchdrive.pilot.reruns import NO_COMMAND, Reruns
@@ -87,7 +87,7 @@ def _trials(pilot: Pilot, reruns: Reruns) -> Iterator[_Trial]:
         yield _compared("alone", f"{last[0]} alone, without other seeds before it", fresh.dataset, run, last)
 
 
-def _compared(name: str, what: str, first: Folder, run: Run, group_ids: list[str] | None = None) -> _Trial:
+def _compared(name: str, what: str, first: Store, run: Run, group_ids: list[str] | None = None) -> _Trial:
     if run.failure is not None:
         return _Trial(name, what, run, None, run.failure)
     try:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -22,7 +21,8 @@ from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import BranchDriveError, UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.quality.collected import Collected
 from branchdrive.quality.qualification import first_attempts
 from branchdrive.raw.examination import Examination
@@ -64,7 +64,7 @@ class Pilot:
         no_rows: Why there are none.
     """
 
-    dataset: Folder
+    dataset: Store
     report: Report
     validation_s: float
     num_wanted: int
@@ -104,7 +104,7 @@ class Pilot:
 
 
 def read_pilot(
-    root: Path, *, num_wanted: int | None = None, executor: Executor = in_process, progress: Progress | None = None
+    root: Place, *, num_wanted: int | None = None, executor: Executor = in_process, progress: Progress | None = None
 ) -> Pilot:
     """Validate the dataset at `root` and read what it holds.
 
@@ -117,8 +117,8 @@ def read_pilot(
     Raises:
         UsageError: There is no dataset, or it is larger than a pilot.
     """
-    dataset, begin_s = Folder.at(root), time.perf_counter()
-    report = validate(root, executor=executor, progress=progress)
+    dataset, begin_s = open_store(root), time.perf_counter()
+    report = validate(dataset, executor=executor, progress=progress)
     validation_s = time.perf_counter() - begin_s
     facts = report.dataset
     if facts.num_groups > MAX_GROUPS:
@@ -133,14 +133,14 @@ def read_pilot(
     return Pilot(dataset, report, validation_s, num_wanted, parts, unread, rows, no_rows)
 
 
-def _parts(dataset: Folder) -> tuple[list[Part], str]:
+def _parts(dataset: Store) -> tuple[list[Part], str]:
     """Shards of a dataset, or why they cannot be read."""
     try:
         descriptor = read_descriptor(dataset)
         parts = []
         for shard in find_shards(dataset):
             tables = {name: shard.decode(name) for name in descriptor.tables}
-            view = ShardView(tables, descriptor, file_prefix=shard.folder.relative_to(dataset.root).as_posix())
+            view = ShardView(tables, descriptor, file_prefix=shard.prefix)
             parts.append(Part(view, examine(view)[1]))
     except BranchDriveError as error:
         return [], str(error)

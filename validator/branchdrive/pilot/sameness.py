@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from branchdrive.contract.text import counted
 from branchdrive.diff.compare import compare_datasets
 from branchdrive.diff.difference import DatasetDifference
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.raw.reader import open_dataset
 
 __all__ = ["Sameness", "compare_runs"]
@@ -75,7 +75,7 @@ class Sameness:
         )
 
 
-def compare_runs(first: Folder, second: Folder, group_ids: Collection[str] | None = None) -> Sameness:
+def compare_runs(first: Store, second: Store, group_ids: Collection[str] | None = None) -> Sameness:
     """Compare two runs.
 
     Args:
@@ -87,11 +87,11 @@ def compare_runs(first: Folder, second: Folder, group_ids: Collection[str] | Non
         DatasetError: One is no finished dataset, or cannot be read.
     """
     found = compare_datasets(first, second)
-    rollouts = open_dataset(first.root).rollouts().select(["rollout_id", "group_id"]).to_pydict()
+    rollouts = open_dataset(first).rollouts().select(["rollout_id", "group_id"]).to_pydict()
     group_of = dict(zip(rollouts["rollout_id"], rollouts["group_id"], strict=True))
     wanted = set(group_of.values()) if group_ids is None else set(group_ids)
     lost = [attempt for attempt in found.only_first if group_of[attempt] in wanted]
-    there = set(open_dataset(second.root).groups)
+    there = set(open_dataset(second).groups)
     return Sameness(
         num_compared=sum(group_id in wanted for group_id in group_of.values()),
         changed=found.changed,

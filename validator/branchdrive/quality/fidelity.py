@@ -12,8 +12,8 @@ Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/11-fid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,22 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.driving.discrepancy import CORE
 from branchdrive.quality.partition import PARTITIONS, assignment_of
-from branchdrive.quality.retention import NUM_RESAMPLES, retention
-from branchdrive.quality.threshold import FLOORS, QUANTILE, VARIABLES, Thresholds, fit_thresholds, passes
+from branchdrive.quality.retention import NUM_RESAMPLES, retention_of_counts
+from branchdrive.quality.threshold import (
+    FLOORS,
+    QUANTILE,
+    VARIABLES,
+    Thresholds,
+    largest_discrepancies,
+    passes,
+    thresholds_of_largest,
+)
 from branchdrive.statistics.split import TRAINING, split_digest
 from branchdrive.tables.frame import Frame, Values
 
 __all__ = [
-    "CRITERIA", "LEVEL", "bank_rows", "discrepancies_of", "near_thresholds", "retention_document", "threshold_document",
+    "CRITERIA", "LEVEL", "Largest", "bank_rows", "discrepancies_of", "fitting_groups", "largest_of", "near_thresholds",
+    "passing_counts", "retention_document", "retention_document_of", "threshold_document", "threshold_document_of",
     "thresholds_of", "with_passes", "with_validity",
 ]  # fmt: skip
 
@@ -51,15 +60,67 @@ def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
         ValueError: No training group is eligible, or one of them lacks a pair.
     """
     assignment = assignment_of(groups)
+    fitted_on = fitting_groups(groups, assignment)
+    return threshold_document_of([largest_of(pairs, fitted_on)], split_digest(assignment))
+
+
+def fitting_groups(groups: Frame, assignment: Mapping[str, str]) -> list[str]:
+    """Eligible training groups, sorted: those that thresholds are fitted on.
+
+    Raises:
+        ValueError: There is none.
+    """
     eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
     fitted_on = sorted(group_id for group_id in eligible if assignment.get(group_id) == TRAINING)
     if not fitted_on:
         raise ValueError("no training group is structurally eligible, so no threshold can be fitted")
-    rows = bank_rows(pairs, fitted_on)
+    return fitted_on
+
+
+class Largest(NamedTuple):
+    """What thresholds are fitted on, of some groups.
+
+    Attributes:
+        values: Largest discrepancy of the interventions of each group ``[groups, 12]``.
+        has_pedestrian: Whether any of its pairs has a pedestrian in range ``[groups]``.
+        actions: Actions of each bank, sorted; none without a group.
+    """
+
+    values: NDArray[np.float64]
+    has_pedestrian: NDArray[np.bool_]
+    actions: tuple[str, ...]
+
+
+def largest_of(pairs: Frame, group_ids: list[str]) -> Largest:
+    """What thresholds are fitted on, of groups.
+
+    Raises:
+        ValueError: A group lacks a pair that others have, or a discrepancy is negative or NaN.
+    """
+    rows = bank_rows(pairs, group_ids)
     there = np.asarray(pairs["has_pedestrian"], np.bool_)[rows].any(axis=1)
-    fitted = fit_thresholds(discrepancies_of(pairs)[rows], has_pedestrian=there)
+    actions = tuple(pairs["action_key"][rows[0]].tolist()) if len(rows) else ()
+    return Largest(largest_discrepancies(discrepancies_of(pairs)[rows]), np.asarray(there), actions)
+
+
+def threshold_document_of(parts: Sequence[Largest], split_digest: str) -> dict[str, Any]:
+    """The document ``thresholds.json`` of groups that come in parts, in any order.
+
+    Args:
+        parts: What it is fitted on, of at least one group in all.
+        split_digest: Digest of ``split.json``.
+
+    Raises:
+        ValueError: Groups of two parts have not the same actions.
+    """
+    banks = sorted({part.actions for part in parts if part.actions})
+    if len(banks) > 1:
+        raise ValueError(f"of two training groups one alone has a pair of {min({*banks[0]} ^ {*banks[1]})!r}")
+    fitted = thresholds_of_largest(
+        np.concatenate([part.values for part in parts]), np.concatenate([part.has_pedestrian for part in parts])
+    )
     return {
-        "split_digest": split_digest(assignment),
+        "split_digest": split_digest,
         "quantile": QUANTILE,
         "method": "higher",
         "partition": TRAINING,
@@ -159,13 +220,41 @@ def retention_document(
         ValueError: A group lacks a pair that others have, or the seed is out of range.
     """
     assignment = assignment_of(groups)
-    homes = list(assignment.values())
-    rows = bank_rows(pairs, list(assignment))
-    present = [name for name in PARTITIONS if name in homes]
+    counts = passing_counts(pairs, list(assignment))
+    digests = {"thresholds_digest": thresholds_digest, "split_digest": split_digest}
+    return retention_document_of(counts, list(assignment.values()), **digests, seed=seed)
+
+
+def passing_counts(pairs: Frame, group_ids: list[str]) -> Index:
+    """Interventions of each group that pass each criterion, and all of them ``[groups, criteria + 1]``.
+
+    Raises:
+        ValueError: A group lacks a pair that others have.
+    """
+    rows = bank_rows(pairs, group_ids)
+    passed = [np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows].sum(axis=1) for criterion in CRITERIA]
+    return np.stack([*passed, np.full(len(rows), rows.shape[1])], axis=1).astype(np.int64)
+
+
+def retention_document_of(
+    counts: Index, homes: Sequence[str], *, thresholds_digest: str, split_digest: str, seed: int
+) -> dict[str, Any]:
+    """The document ``retention.json`` of integrity-complete groups, in any order.
+
+    Args:
+        counts: As `passing_counts` gives them ``[groups, criteria + 1]``.
+        homes: Partition of each group.
+        thresholds_digest: As `retention_document` takes it.
+        split_digest: Likewise.
+        seed: Likewise.
+
+    Raises:
+        ValueError: The seed is out of range.
+    """
+    present = [name for name in PARTITIONS if name in {*homes}]
     found = []
-    for criterion in CRITERIA if homes else ():
-        passed = np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows]
-        rows_of = retention(passed, homes, partitions=present, seed=seed)
+    for place, criterion in enumerate(CRITERIA if len(homes) else ()):
+        rows_of = retention_of_counts(counts[:, [place, -1]], homes, partitions=present, seed=seed)
         found += [{"criterion": criterion, **row._asdict(), "met": row.met} for row in rows_of]
     return {
         "seed": seed,

@@ -20,26 +20,30 @@ Source: spec/11-fidelity.md#filtering; this project's choice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.quality.fidelity import bank_rows, discrepancies_of, thresholds_of
+from branchdrive.quality.fidelity import bank_rows, discrepancies_of, fitting_groups, thresholds_of
 from branchdrive.quality.partition import assignment_of
 from branchdrive.quality.replay_frames import FRAMED, MATCHED
 from branchdrive.quality.threshold import FLOORS, QUANTILE, VARIABLES
-from branchdrive.statistics.split import TRAINING, split_digest
+from branchdrive.statistics.split import split_digest
 from branchdrive.tables.frame import Frame
 
-__all__ = ["filtering_document"]
+__all__ = [
+    "FilterFigures", "filtering_document", "filtering_document_of", "largest_matched", "matched_thresholds",
+    "mean_share", "shares_above",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _NAMES = [variable.name for variable in VARIABLES]
+_NO_FIGURES: Mapping[str, None] = dict.fromkeys(("mean_share_above", "share_above", "variation"))
 
 
 def filtering_document(pairs: Frame, groups: Frame, frames: Frame, thresholds: Mapping[str, Any]) -> dict[str, Any]:
@@ -56,60 +60,183 @@ def filtering_document(pairs: Frame, groups: Frame, frames: Frame, thresholds: M
             have.
     """
     assignment = assignment_of(groups)
-    eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
-    training = bank_rows(pairs, sorted(group for group in eligible if assignment.get(group) == TRAINING))
-    if not len(training):
-        raise ValueError("no training group is structurally eligible, so no threshold filters")
-    every = bank_rows(pairs, sorted(assignment)).ravel()
-    place = {rollout: row for row, rollout in enumerate(frames["rollout_id"].tolist())}
-    try:
-        at = np.array([place[rollout] for rollout in pairs["rollout_id"].tolist()], np.int64)
-    except KeyError as error:
-        raise ValueError(f"the pair of {error} has no frames") from error
-    fitted, values = thresholds_of(thresholds), discrepancies_of(pairs)
-    fails = fitted.judged & ~(np.isfinite(values) & (values <= fitted.values))
-    alone = fails & (fails.sum(axis=1) == 1)[:, None]
+    training = fitting_groups(groups, assignment)
+    matched = matched_thresholds([largest_matched(pairs, frames, training)])
+    above = shares_above(pairs, frames, training)
+    figures = FilterFigures.of(pairs, frames, above, training, sorted(assignment), thresholds, matched)
+    means = [mean_share(above[:, i]) for i in range(len(FRAMED))]
+    return filtering_document_of([figures], means, thresholds, matched, split_digest(assignment))
+
+
+def shares_above(pairs: Frame, frames: Frame, group_ids: list[str]) -> Array:
+    """Shares of frames above the floor, by group and variable of `FRAMED` ``[groups, FRAMED, actions]``.
+
+    Raises:
+        ValueError: As `filtering_document`, of groups in sorted order.
+    """
+    rows = _frame_rows(pairs, frames)[bank_rows(pairs, group_ids)]
+    return np.stack([_column(frames, "above", name)[rows] for name in FRAMED], axis=1)
+
+
+def mean_share(shares: Array) -> float:
+    """Mean over the pairs of all training groups ``[groups, actions]``, in sorted order, which decides last bits."""
+    return float(np.ascontiguousarray(shares).mean())
+
+
+def largest_matched(pairs: Frame, frames: Frame, group_ids: list[str]) -> Array:
+    """Largest difference of the vehicle matched by actor, by group and variable of `MATCHED` ``[groups, 2]``.
+
+    Raises:
+        ValueError: As `filtering_document`, of groups in sorted order.
+    """
+    rows = _frame_rows(pairs, frames)[bank_rows(pairs, group_ids)]
+    return np.stack([_column(frames, "largest", name)[rows].max(axis=1, initial=0.0) for name in MATCHED], axis=1)
+
+
+def matched_thresholds(parts: Sequence[Array]) -> Mapping[str, float]:
+    """Thresholds of the variables of `MATCHED`, of training groups in parts: order statistics, in any order."""
+    fitted = np.quantile(np.concatenate(parts), QUANTILE, axis=0, method="higher").tolist()
+    return {name: max(value, _floor(name)) for name, value in zip(MATCHED, fitted, strict=True)}
+
+
+class FilterFigures(NamedTuple):
+    """What some groups add to the document but for means: counts, and what order statistics are taken of.
+
+    Attributes:
+        shares: Largest share of each training group ``[groups, FRAMED]``.
+        moves: Values of the variation of training pairs and how often each occurs, by variable of `FRAMED`.
+        num_pairs: Interventions of all groups.
+        num_failing: Those that fail each variable ``[12 + MATCHED]``.
+        num_alone: Those that fail no other judged one ``[12]``.
+        num_unmatched: Those without a difference of each variable of `MATCHED`.
+    """
+
+    shares: Array
+    moves: tuple[tuple[Array, Index], ...]
+    num_pairs: int
+    num_failing: Index
+    num_alone: Index
+    num_unmatched: Index
+
+    @classmethod
+    def of(
+        cls,
+        pairs: Frame,
+        frames: Frame,
+        above: Array,
+        training: list[str],
+        every: list[str],
+        thresholds: Mapping[str, Any],
+        matched: Mapping[str, float],
+    ) -> FilterFigures:
+        """Figures of groups.
+
+        Args:
+            pairs: Rows of `pairs`.
+            frames: What `replay_frames.frame_columns` says of each pair, in any order.
+            above: Of the training groups, as `shares_above` gives them.
+            training: Those of the groups that thresholds are fitted on, sorted.
+            every: All of them, sorted.
+            thresholds: Document ``thresholds.json``.
+            matched: Thresholds of the variables of `MATCHED`.
+
+        Raises:
+            ValueError: A pair has no row in `frames`, or a group lacks a pair that others have.
+        """
+        at = _frame_rows(pairs, frames)
+        fitted_on, rows = at[bank_rows(pairs, training)], bank_rows(pairs, every).ravel()
+        fitted, values = thresholds_of(thresholds), discrepancies_of(pairs)[rows]
+        fails = fitted.judged & ~(np.isfinite(values) & (values <= fitted.values))
+        largest = np.stack([_column(frames, "largest", name)[at[rows]] for name in MATCHED], axis=1)
+        there = np.isfinite(largest)
+        beyond = ~(there & (largest <= np.array([*matched.values()])))
+        moves = [_column(frames, "variation", name)[fitted_on] for name in FRAMED]
+        return cls(
+            above.max(axis=2, initial=0.0),
+            tuple(np.unique(found[np.isfinite(found)], return_counts=True) for found in moves),
+            len(rows),
+            np.concatenate([fails.sum(axis=0), beyond.sum(axis=0)]),
+            fails[fails.sum(axis=1) == 1].sum(axis=0),
+            (~there).sum(axis=0),
+        )
+
+
+def filtering_document_of(
+    parts: Sequence[FilterFigures],
+    means: Sequence[float],
+    thresholds: Mapping[str, Any],
+    matched: Mapping[str, float],
+    split_digest: str,
+) -> dict[str, Any]:
+    """The document ``filtering.json`` of groups that come in parts, at least one in training.
+
+    Args:
+        parts: Figures of groups.
+        means: `mean_share` of each variable of `FRAMED`.
+        thresholds: Document ``thresholds.json``.
+        matched: Thresholds of the variables of `MATCHED`.
+        split_digest: Digest of ``split.json``.
+    """
+    figures = _figures(parts, means)
+    judged = thresholds_of(thresholds).judged.tolist()
+    failing, alone, unmatched = (
+        sum(counts).tolist()
+        for counts in zip(*((part.num_failing, part.num_alone, part.num_unmatched) for part in parts), strict=True)
+    )
     variables = []
     for i, name in enumerate(_NAMES):
-        found = _figures(frames, at, training, name) | {
-            "num_failing": int(fails[every, i].sum()),
-            "num_failing_alone": int(alone[every, i].sum()),
+        found = {**figures.get(name, _NO_FIGURES)} | {
+            "num_failing": failing[i],
+            "num_failing_alone": alone[i],
             "num_unmatched": None,
         }
-        judged = bool(fitted.judged[i])
         stored = thresholds["variables"][i]["value"]
-        variables.append(_entry(name, stored, float(FLOORS[i]), found, decides=judged))
-    for name, nearest in MATCHED.items():
-        largest = np.asarray(frames[f"largest_{name}"], np.float64)[at]
-        fitted_m = float(np.quantile(largest[training].max(axis=1), QUANTILE, method="higher"))
-        floor = float(FLOORS[_NAMES.index(nearest)])
-        threshold = max(fitted_m, floor) if np.isfinite(fitted_m) else None
-        beyond = ~(np.isfinite(largest) & (largest <= max(fitted_m, floor)))
-        found = _figures(frames, at, training, name) | {
-            "num_failing": int(beyond[every].sum()),
+        variables.append(_entry(name, stored, float(FLOORS[i]), found, decides=judged[i]))
+    for i, (name, threshold) in enumerate(matched.items()):
+        found = figures[name] | {
+            "num_failing": failing[len(_NAMES) + i],
             "num_failing_alone": None,
-            "num_unmatched": int((~np.isfinite(largest[every])).sum()),
+            "num_unmatched": unmatched[i],
         }
-        variables.append(_entry(name, threshold, floor, found, decides=False))
+        limit = threshold if np.isfinite(threshold) else None
+        variables.append(_entry(name, limit, _floor(name), found, decides=False))
     return {
-        "split_digest": split_digest(assignment),
-        "num_groups": len(training),
-        "num_pairs": len(every),
+        "split_digest": split_digest,
+        "num_groups": sum(len(part.shares) for part in parts),
+        "num_pairs": sum(part.num_pairs for part in parts),
         "variables": variables,
     }
 
 
-def _figures(frames: Frame, at: Index, training: Index, name: str) -> dict[str, Any]:
-    """Shares of frames above the floor, and the nominal's own variation; null where a variable has no frames."""
-    if name not in FRAMED:
-        return {"mean_share_above": None, "share_above": None, "variation": None}
-    above, moves = (np.asarray(frames[f"{kind}_{name}"], np.float64)[at][training] for kind in ("above", "variation"))
-    moves = moves[np.isfinite(moves)]
-    return {
-        "mean_share_above": float(above.mean()),
-        "share_above": float(np.quantile(above.max(axis=1), QUANTILE, method="higher")),
-        "variation": float(np.median(moves)) if len(moves) else None,
-    }
+def _figures(parts: Sequence[FilterFigures], means: Sequence[float]) -> dict[str, dict[str, Any]]:
+    """Shares of frames above the floor, and the nominal's own variation, by variable that has frames."""
+    found = {}
+    shares = np.quantile(np.concatenate([part.shares for part in parts]), QUANTILE, axis=0, method="higher")
+    for i, name in enumerate(FRAMED):
+        values, counts = (np.concatenate(column) for column in zip(*(part.moves[i] for part in parts), strict=True))
+        found[name] = {
+            "mean_share_above": means[i],
+            "share_above": float(shares[i]),
+            "variation": float(np.median(np.repeat(values, counts))) if len(values) else None,
+        }
+    return found
+
+
+def _frame_rows(pairs: Frame, frames: Frame) -> Index:
+    """Row in `frames` of each pair."""
+    place = {rollout: row for row, rollout in enumerate(frames["rollout_id"].tolist())}
+    try:
+        return np.array([place[rollout] for rollout in pairs["rollout_id"].tolist()], np.int64)
+    except KeyError as error:
+        raise ValueError(f"the pair of {error} has no frames") from error
+
+
+def _column(frames: Frame, kind: str, name: str) -> Array:
+    return np.asarray(frames[f"{kind}_{name}"], np.float64)
+
+
+def _floor(name: str) -> float:
+    return float(FLOORS[_NAMES.index(MATCHED[name])])
 
 
 def _entry(

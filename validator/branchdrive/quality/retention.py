@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.statistics.random_words import below, words
 
-__all__ = ["NUM_RESAMPLES", "TARGET_SHARES", "Retention", "retention"]
+__all__ = ["NUM_RESAMPLES", "TARGET_SHARES", "Retention", "retention", "retention_of_counts"]
 
 NUM_RESAMPLES = 2000
 
@@ -95,11 +95,28 @@ def retention(
         )
     if not counts.any(axis=1).all():
         raise ValueError("a group counts no pair; leave it out")
+    rows = np.stack([(passes & counts).sum(axis=1), counts.sum(axis=1)], axis=1)
+    return retention_of_counts(rows, partition_of, partitions=partitions, seed=seed)
+
+
+def retention_of_counts(
+    counts: NDArray[np.int64], partition_of: Sequence[str], *, partitions: Sequence[str], seed: int
+) -> tuple[Retention, ...]:
+    """What `retention` gives for groups, in any order, with so many pairs that pass and that count.
+
+    Args:
+        counts: Pairs that pass, and pairs that count, at least one ``[groups, 2]``.
+        partition_of: Partition of each group ``[groups]``.
+        partitions: Partitions to report.
+        seed: Part of the key.
+
+    Raises:
+        ValueError: The seed does not fit the key.
+    """
     if not 0 <= seed < 1 << 64:
         raise ValueError(f"`seed` is {seed}, not in [0, 2^64)")
-    rows = np.stack([(passes & counts).sum(axis=1), counts.sum(axis=1)], axis=1)
     home = np.asarray(partition_of, np.str_)
-    return tuple(found for name in partitions for found in _of_partition(rows[home == name], name, seed))
+    return tuple(found for name in partitions for found in _of_partition(counts[home == name], name, seed))
 
 
 def _of_partition(rows: NDArray[np.int64], name: str, seed: int) -> list[Retention]:

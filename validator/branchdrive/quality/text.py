@@ -23,6 +23,7 @@ __all__ = [
     "filtering_sentences",
     "population_sentences",
     "target_sentences",
+    "threshold_text",
 ]
 
 PARTITION_TITLES: Mapping[str, str] = MappingProxyType(
@@ -85,6 +86,15 @@ def _why(variable: Mapping[str, Any]) -> str:
     if variable["over_variation"] is not None and variable["over_variation"] >= 1:
         reasons.append(f"it is {variable['over_variation']:.2g} times what nominals move in the window")
     return " and ".join(reasons)
+
+
+def threshold_text(variable: Mapping[str, Any], thresholds: Mapping[str, Any]) -> str:
+    """The threshold of a variable with its unit, or why it has none."""
+    if not variable["judged"]:
+        return f"not judged: support of {counted(thresholds['pedestrian_support'], 'group')}"
+    if variable["value"] is None:
+        return "any finite value"
+    return f"{variable['value']:.4g} {variable['unit'] or ''}".rstrip()
 
 
 def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> list[str]:

@@ -28,7 +28,7 @@ from branchdrive.driving.discrepancy import CORE, EXTENDED
 
 __all__ = [
     "FLOORS", "MIN_SUPPORT", "PEDESTRIAN_GAP", "QUANTILE", "VARIABLES", "Passed", "Thresholds", "fit_thresholds",
-    "passes",
+    "largest_discrepancies", "passes", "thresholds_of_largest",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -105,12 +105,35 @@ def fit_thresholds(discrepancies: ArrayLike, *, has_pedestrian: ArrayLike) -> Th
     there = np.asarray(has_pedestrian, np.bool_)
     if not values.shape[0] or there.shape != values.shape[:1]:
         raise ValueError(f"{len(values)} training groups and `has_pedestrian` of shape {list(there.shape)}: [groups]")
-    support = int(there.sum())
+    return thresholds_of_largest(values.max(axis=1), there)
+
+
+def largest_discrepancies(discrepancies: ArrayLike) -> Array:
+    """Largest discrepancy of the pairs of each group ``[groups, 12]``.
+
+    Args:
+        discrepancies: ``[groups, pairs, 12]``, as `fit_thresholds` takes them, or of no group.
+
+    Raises:
+        ValueError: As `fit_thresholds`.
+    """
+    values = np.asarray(discrepancies, np.float64)
+    return _checked(values).max(axis=1) if len(values) else np.zeros((0, len(VARIABLES)))
+
+
+def thresholds_of_largest(largest: Array, has_pedestrian: Mask) -> Thresholds:
+    """Thresholds of training groups, in any order: order statistics of them and a count.
+
+    Args:
+        largest: Largest discrepancy of the pairs of each group ``[groups, 12]``, at least one group.
+        has_pedestrian: ``[groups]``, as `fit_thresholds` takes it.
+    """
+    support = int(has_pedestrian.sum())
     judged = np.ones(len(VARIABLES), np.bool_)
     judged[VARIABLES.index(PEDESTRIAN_GAP)] = support >= MIN_SUPPORT
-    quantiles = np.quantile(values.max(axis=1), QUANTILE, axis=0, method="higher")
+    quantiles = np.quantile(largest, QUANTILE, axis=0, method="higher")
     quantiles[_TICK_OFFSET] = 0.0
-    return Thresholds(np.where(judged, np.maximum(quantiles, FLOORS), np.nan), judged, len(values), support)
+    return Thresholds(np.where(judged, np.maximum(quantiles, FLOORS), np.nan), judged, len(largest), support)
 
 
 def passes(discrepancies: ArrayLike, thresholds: Thresholds) -> Passed:

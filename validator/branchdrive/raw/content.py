@@ -32,13 +32,13 @@ def is_identified(view: ShardView) -> bool:
     return not any(view.stream(name).num_unknown for name in _tables(view)[1:])
 
 
-def group_content(view: ShardView) -> dict[str, str] | None:
-    """Digest of every branch group by its identity; ``None`` where something is not `is_identified`."""
+def group_content(view: ShardView) -> NDArray[np.uint8] | None:
+    """SHA-256 of every branch group ``[groups, 32]``; ``None`` where something is not `is_identified`."""
     if not is_identified(view):
         return None
     by_table = table_content(view, view.group).values()
-    digests = (hashlib.sha256(b"".join(parts)).hexdigest() for parts in zip(*by_table, strict=True))
-    return dict(zip(view.group_ids, digests, strict=True))
+    digests = (hashlib.sha256(b"".join(parts)).digest() for parts in zip(*by_table, strict=True))
+    return np.frombuffer(b"".join(digests), np.uint8).reshape(len(view.group_ids), hashlib.sha256().digest_size)
 
 
 def table_content(view: ShardView, block: Index) -> dict[str, list[bytes]]:
@@ -51,12 +51,16 @@ def table_content(view: ShardView, block: Index) -> dict[str, list[bytes]]:
     own = np.arange(view.num_rollouts)
     rank = np.empty_like(own)
     rank[np.lexsort((sortable(view.rollouts, "rollout_id"), block))] = own
+    is_ranked = np.array_equal(rank, own)
     found = {"rollouts": block_digests(view.rollouts, [rank], _ends(np.bincount(block)))}
     for name in _tables(view)[1:]:
         stream = view.stream(name)
         num_rows = np.bincount(block, stream.stop - stream.start).astype(np.int64)
-        further = [stream[column] for column in declared_table(name).key[2:]]
-        found[name] = block_digests(stream, [rank[stream.rollout], stream["tick"], *further], _ends(num_rows))
+        key = []
+        if not (is_ranked and stream.ascends):
+            further = [stream[column] for column in declared_table(name).key[2:]]
+            key = [rank[stream.rollout], stream["tick"], *further]
+        found[name] = block_digests(stream, key, _ends(num_rows))
     return found
 
 
@@ -82,7 +86,8 @@ def raw_content(shards: Sequence[ShardFacts]) -> str | None:
     for shard in shards:
         if shard.groups is None:
             return None
-        parts |= {f"group {group_id}": digest for group_id, digest in shard.groups.items()}
+        digests = (digest.tobytes().hex() for digest in shard.groups)
+        parts |= {f"group {name}": digest for name, digest in zip(shard.group_ids, digests, strict=True)}
         for town, digest in shard.maps.items():
             if parts.setdefault(f"map {town}", digest) != digest:
                 return None

@@ -29,6 +29,9 @@ Index = NDArray[np.int64]
 HISTORIES: Mapping[str, int] = MappingProxyType({"observations": 0, "evidence": 0, "actors": 0, "controls": -1})
 """Streams whose rows before the branch are compared, and the offset of the last such row from ``t_b``."""
 
+_OF_MOMENTS = ("observations", "evidence", "actors")
+"""Streams that tell of moments, whose copies are looked for."""
+
 _CONTEXT = ("town", "route_x_m", "route_y_m", "ego_length_m", "ego_width_m", "ego_height_m", "branch_tick")
 """What rules on observations read of an attempt."""
 
@@ -66,14 +69,15 @@ class Copied(NamedTuple):
         Returns:
             Places of the distinct steps ``[distinct]``, and for every step a place among these ``[steps]``.
         """
-        source, before_of = np.arange(num_rows), np.full(num_rows, -1)
+        source, before_of = np.arange(num_rows, dtype=np.int32), np.full(num_rows, -1, np.int32)  # tables have fewer
         source[self.row] = self.source
         before_of[row] = before
-        repeats = (source[row] != row) & (source[before] != before) & (before_of[source[row]] == source[before])
+        of_row, of_before = source[row], source[before]
+        repeats = (of_row != row) & (of_before != before) & (before_of[of_row] == of_before)
         first = np.flatnonzero(~repeats)
         place = before_of
         place[row[first]] = np.arange(len(first))
-        return first, place[np.where(repeats, source[row], row)]
+        return first, place[np.where(repeats, of_row, row)].astype(np.int64)
 
 
 class Copies:
@@ -90,9 +94,12 @@ class Copies:
 
     def rows(self, table: str) -> Copied:
         """Copies among the rows of a stream, compared attempt by attempt in the order of their keys."""
-        if table not in self._rows:
-            self._rows[table] = _copied(self._view, self._view.stream(table), HISTORIES[table])
-        return self._rows[table]
+        if table in self._rows:
+            return self._rows[table]
+        found = _copied(self._view, self._view.stream(table), HISTORIES[table])
+        if table in _OF_MOMENTS:  # others are asked for once
+            self._rows[table] = found
+        return found
 
     def at_moments(self, table: str) -> Copied:
         """Those of observations, evidence or actors, at moments that are copies as a whole.
@@ -170,7 +177,7 @@ def _copied(view: ShardView, stream: StreamView, last_offset: int) -> Copied:
 def _order(stream: StreamView) -> NDArray[np.intp] | None:
     """Order of rows by their keys, ``None`` where they have it: the order in a file carries no meaning."""
     further = [stream[column] for column in TABLES[stream.name].key[2:]]
-    if not further or not (stream.repeats[1:] & (further[0][1:] <= further[0][:-1])).any():
+    if not further or stream.ascends:
         return None
     return np.lexsort((*further[::-1], stream.tick, stream.rollout))
 
@@ -180,8 +187,7 @@ def _shares_context(view: ShardView) -> Mask:
     rollouts, shares = view.rollouts, view.nominal >= 0
     for column in _CONTEXT:
         if TABLES["rollouts"][column].type.startswith("list"):
-            known: dict[bytes, int] = {}
-            codes = np.array([known.setdefault(cell.tobytes(), len(known)) for cell in rollouts[column]], np.int64)
+            codes = rollouts.cells(column)
             shares &= codes == codes[view.nominal]
         else:
             shares &= ~rollouts.differs(column, np.arange(len(rollouts)), view.nominal)

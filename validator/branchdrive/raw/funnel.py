@@ -82,7 +82,7 @@ class Funnel:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class GroupOutcome:
     """How far one group gets.
 

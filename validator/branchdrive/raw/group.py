@@ -6,17 +6,26 @@ Windows are relative to the rollout's own branch tick ``t_b``. Source: paper, "B
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Never
 
 import numpy as np
 
-from branchdrive.contract.columns import TABLES
+from branchdrive.contract.columns import TABLES, table_schema
 from branchdrive.contract.resources import load_resource
+from branchdrive.contract.text import nearest, quote
 from branchdrive.contract.timing import CONTROL_HISTORY_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS
-from branchdrive.errors import UsageError
-from branchdrive.raw.rollout import Rollout
+from branchdrive.errors import UnknownNameError, UsageError
+from branchdrive.raw.outcomes import RESULTS, outcomes
+from branchdrive.raw.rollout import ROLLOUTS, Rollout
+from branchdrive.tables.data_frame import to_pandas, to_polars
+from branchdrive.text.html import html_of
+from branchdrive.text.table import Column, Table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 __all__ = ["APPLIED_CONTROLS", "STATE_COLUMNS", "BranchGroup"]
 
@@ -31,6 +40,13 @@ STATE_COLUMNS = tuple(
 """Numeric columns of the sensor track, in declared order."""
 
 _Array = np.ndarray[Any, np.dtype[Any]]
+
+
+class Interventions(dict[str, tuple[Rollout, ...]]):
+    """Attempts of every executed intervention by action key."""
+
+    def __missing__(self, key: str) -> Never:
+        raise UnknownNameError(f"no intervention {quote(key)} in this group; {nearest(key, self)}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,16 +71,54 @@ class BranchGroup:
         nominals = self._of_role("nominal")
         if not nominals:
             raise UsageError(f"group `{self.group_id}` has no nominal rollout; look at `rollouts`")
-        return next((rollout for rollout in nominals if rollout.record["status"] == "complete"), nominals[0])
+        return _first_complete(nominals)
 
     @property
-    def interventions(self) -> dict[str, tuple[Rollout, ...]]:
+    def interventions(self) -> Interventions:
         """Attempts of every executed intervention by action key, in the order of the action bank."""
-        attempts: dict[str, tuple[Rollout, ...]] = {}
+        attempts = Interventions()
         for rollout in self._of_role("intervention"):
             key = rollout.record["action_key"]
             attempts[key] = (*attempts.get(key, ()), rollout)
         return attempts
+
+    @property
+    def candidates(self) -> dict[str, Rollout]:
+        """One attempt for each policy by action key, the nominal first: the first complete attempt, else the first.
+
+        No attempt is judged here: which one stands for its action in a release is in the table `records`.
+
+        Raises:
+            UsageError: The group has no nominal rollout.
+        """
+        chosen = {key: _first_complete(attempts) for key, attempts in self.interventions.items()}
+        return {self.nominal.record["action_key"]: self.nominal, **chosen}
+
+    def outcomes(self) -> pa.Table:
+        """What became of each of the `candidates`: how its drive went, and the six targets of its window.
+
+        A target is null where it is not available. Nothing is ranked here: utility weighs targets by the spread that
+        they have in training, see `ModelLayer.outcomes`.
+        """
+        return outcomes([*self.candidates.values()])
+
+    def table(self, name: str) -> pa.Table:
+        """Rows of a stream of all attempts, each with the role, the action and the number of its attempt before it.
+
+        Raises:
+            UnknownNameError: The dataset does not claim a stream with this table.
+        """
+        import pyarrow as pa
+
+        return pa.concat_tables([_labelled(rollout, rollout.tables[name]) for rollout in self.rollouts])
+
+    def to_pandas(self, table: str) -> Any:
+        """A stream of all attempts as a `pandas.DataFrame`, see `table`."""
+        return to_pandas(self.table(table))
+
+    def to_polars(self, table: str) -> Any:
+        """A stream of all attempts as a `polars.DataFrame`, see `table`."""
+        return to_polars(self.table(table))
 
     @property
     def replays(self) -> tuple[Rollout, ...]:
@@ -111,6 +165,15 @@ class BranchGroup:
         attempts = [{name: r.record[name] for name in declared["attempts"]} for r in self.rollouts]
         return {**shared, "attempts": attempts}
 
+    def _repr_html_(self) -> str:
+        counts = Counter(rollout.record["role"] for rollout in self.rollouts)
+        facts = [(role.replace("_", " "), str(count)) for role, count in counts.items()]
+        context = self.nominal.record if self._of_role("nominal") else {}
+        named = [(name, str(context.get(name, ""))) for name in ("scenario_type", "town", "route_id", "branch_tick")]
+        columns = [Column.name(name) for name in ("action_key", "status", *RESULTS)]
+        rows = [[str(rollout.record[column.title]) for column in columns] for rollout in self.rollouts]
+        return html_of(f"BranchGroup {self.group_id}", [*named, *facts], [Table("Attempts", columns, rows)])
+
     def __repr__(self) -> str:
         roles = ("nominal", "intervention", "nominal_replay")
         counts = ", ".join(f"{len(self._of_role(role))} {role}" for role in roles)
@@ -121,6 +184,21 @@ class BranchGroup:
         width = len(STATE_COLUMNS)
         windows = f"history [16, {width}] float64, controls [80, 3] float32, future [10, {width}] float64"
         return "\n".join([*lines, f"  windows: {windows}"])
+
+
+def _first_complete(attempts: Sequence[Rollout]) -> Rollout:
+    return next((attempt for attempt in attempts if attempt.record["status"] == "complete"), attempts[0])
+
+
+def _labelled(rollout: Rollout, rows: pa.Table) -> pa.Table:
+    """Rows of an attempt behind columns that say whose they are."""
+    import pyarrow as pa
+
+    labels = {name: rollout.record[name] for name in ("role", "action_key", "attempt")}
+    for name, value in reversed(labels.items()):
+        field = table_schema(ROLLOUTS).field(name)
+        rows = rows.add_column(0, field, pa.repeat(pa.scalar(value, field.type), len(rows)))
+    return rows
 
 
 def _shape(rollout: Rollout, table: str) -> tuple[int, int]:

@@ -14,6 +14,7 @@ import numpy as np
 from branchdrive.contract.columns import TABLES, Column, Table
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import listed, nearest, quote
+from branchdrive.contract.timing import TICK_S
 from branchdrive.errors import UnknownNameError, UsageError
 from branchdrive.raw.media.camera_frames import CameraFrames
 from branchdrive.raw.media.media_folder import FRAMES, MediaFolder
@@ -100,6 +101,28 @@ class Rollout:
         """Tick at which the intervention begins; ``None`` for a rollout without a branch."""
         tick = self.record["branch_tick"]
         return None if tick is None else int(tick)
+
+    @property
+    def t_s(self) -> np.ndarray[Any, Any]:
+        """Seconds since the attempt began, of each row of its observations, float64 ``[observations]``."""
+        return self.column("observations", "tick") * TICK_S
+
+    @property
+    def branch_s(self) -> float | None:
+        """Seconds from the beginning to the branch, so that ``t_s - branch_s`` is 0 there; ``None`` without one."""
+        return None if self.branch_tick is None else self.branch_tick * TICK_S
+
+    @property
+    def actors(self) -> dict[int, pa.Table]:
+        """Rows of the actors around the ego by tick, one table for each observation, which may have none.
+
+        Raises:
+            UnknownNameError: The dataset does not claim the stream of actors.
+        """
+        rows = self.tables["actors"]
+        ticks, wanted = rows.column("tick").to_numpy(), np.unique(self.column("observations", "tick"))
+        first, after = (np.searchsorted(ticks, wanted, side=side) for side in ("left", "right"))
+        return {int(tick): rows.slice(i, k - i) for tick, i, k in zip(wanted, first, after, strict=True)}
 
     def column(self, table: str, name: str) -> np.ndarray[Any, Any]:
         """One column of a stream as numpy, see `RolloutTables.column`."""

@@ -15,7 +15,8 @@ import numpy as np
 from branchdrive.contract.columns import TABLES, Table
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import RAW_DIR, shard_index, shard_name
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.folder import folder_of
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import conform, read_table
 from branchdrive.raw.media.media_folder import FRAMES, MediaFolder
 from branchdrive.raw.rollout import ROLLOUTS, Rollout, RolloutTables, key_columns
@@ -30,17 +31,29 @@ __all__ = ["RowsByRollout", "Shard", "find_shards", "rollouts_of"]
 class Shard:
     """A raw shard of a dataset."""
 
-    dataset: Folder
+    dataset: Store
     index: int
 
     @property
+    def prefix(self) -> str:
+        """The shard's folder, relative to the root."""
+        return f"{RAW_DIR}/{shard_name(self.index)}"
+
+    @property
     def folder(self) -> Path:
-        """The shard's folder."""
-        return self.dataset.root / RAW_DIR / shard_name(self.index)
+        """The shard's folder, for who writes there.
+
+        Raises:
+            UsageError: The dataset is in no folder.
+        """
+        return folder_of(self.dataset, "writing").root / self.prefix
+
+    def __str__(self) -> str:
+        return self.dataset.place(self.prefix)
 
     def path(self, name: str) -> str:
         """Path of the table `name`, relative to the root."""
-        return f"{RAW_DIR}/{shard_name(self.index)}/{TABLES[name].file_name}"
+        return f"{self.prefix}/{TABLES[name].file_name}"
 
     def decode(self, name: str) -> pa.Table:
         """The table `name` as stored: text as dictionaries, with the file's own metadata.
@@ -59,7 +72,7 @@ class Shard:
         """Where the shard's images are; ``None`` where the descriptor claims no media stream."""
         if FRAMES not in descriptor.tables:
             return None
-        return MediaFolder(self.dataset, f"{RAW_DIR}/{shard_name(self.index)}", descriptor.cameras_by_name)
+        return MediaFolder(self.dataset, self.prefix, descriptor.cameras_by_name)
 
     def rows(self, name: str) -> RowsByRollout:
         """Rows of the stream table `name`, found by rollout; see `decode` for errors."""
@@ -71,7 +84,7 @@ class Shard:
         return records
 
 
-def find_shards(dataset: Folder) -> list[Shard]:
+def find_shards(dataset: Store) -> list[Shard]:
     """The raw shards of a dataset, by index."""
     indices = [shard_index(name) for name in dataset.names(RAW_DIR)]
     return [Shard(dataset, index) for index in sorted(index for index in indices if index is not None)]

@@ -44,14 +44,15 @@ class ShardView:
         self.descriptor = descriptor
         self.file_prefix = file_prefix
         self.images: Images | None = None
-        self._tables = tables
-        self.rollouts = TableView("rollouts", tables["rollouts"])
+        self._num_rows = {name: table.num_rows for name, table in tables.items()}
+        self._unread = dict(tables)  # each goes as its view comes, which holds it as it is needed
+        self.rollouts = TableView("rollouts", self._unread.pop("rollouts"))
         self.num_rollouts = len(self.rollouts)
         self._streams: dict[str, StreamView] = {}
         self._computed: dict[Callable[[ShardView], Any], Any] = {}
 
     def __repr__(self) -> str:
-        sizes = ", ".join(f"{name}={table.num_rows}" for name, table in self._tables.items())
+        sizes = ", ".join(f"{name}={num_rows}" for name, num_rows in self._num_rows.items())
         return f"ShardView({self.file_prefix!r}, {sizes})"
 
     @cached_property
@@ -64,7 +65,7 @@ class ShardView:
         return {rollout_id: i for i, rollout_id in reversed(list(enumerate(self.rollout_ids))) if rollout_id}
 
     def __contains__(self, table: str) -> bool:
-        return table in self._tables
+        return table in self._num_rows
 
     def __getitem__(self, table: str) -> TableView:
         """View of a table: `rollouts`, the map, or a stream of rows of rollouts."""
@@ -75,7 +76,8 @@ class ShardView:
     def stream(self, table: str) -> StreamView:
         """View of a stream table, built on first use."""
         if table not in self._streams:
-            self._streams[table] = StreamView(table, self._tables[table], self._rollout_index, self.num_rollouts)
+            rows = self._unread.pop(table)
+            self._streams[table] = StreamView(table, rows, self._rollout_index, self.num_rollouts)
         return self._streams[table]
 
     def cached(self, compute: Callable[[ShardView], T]) -> T:
@@ -88,12 +90,12 @@ class ShardView:
     @property
     def table_names(self) -> tuple[str, ...]:
         """Tables of this shard, rollouts first."""
-        return tuple(name for name in TABLES if name in self._tables)
+        return tuple(name for name in TABLES if name in self._num_rows)
 
     @cached_property
     def map(self) -> TableView:
         """Elements of the maps of the shard's towns."""
-        return TableView("map", self._tables["map"])
+        return TableView("map", self._unread.pop("map"))
 
     @property
     def controls(self) -> StreamView:

@@ -14,17 +14,22 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, Pipe
 from typing import Any, Protocol
 
+from branchdrive.engine.spool import Spool
 from branchdrive.errors import ToolError
-from branchdrive.leakage.audit import Progress, audit_leakage
+from branchdrive.leakage.audit import Progress, audit_key, audit_leakage
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.draw import drawn_here
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
+from branchdrive.release.spread_draw import SpreadDraw
+from branchdrive.runtime.executor import isolated
 from branchdrive.runtime.process import ARRAY_WORK, child_environment, exit_after, python_command
 
-__all__ = ["AuditTask", "KnownParts", "audit_here", "audit_in_own_process"]
+__all__ = ["AuditTask", "KnownParts", "PartsOf", "audit_here", "audit_in_own_process"]
 
 
 class KnownParts(Protocol):
@@ -42,20 +47,28 @@ class AuditTask:
     """All that an audit is a function of.
 
     Attributes:
-        inputs: What is seen.
+        inputs: Gives what is seen; called in the process of the audit.
         seed: Of everything random.
         protocol: Numbers of the audit; None is the default.
         classifier: Of the recurrent tests, or why there is none.
+        jobs: Processes that draw permutations and replicates; 1 is that of the audit.
     """
 
-    inputs: ReplayInputs
+    inputs: Callable[[], ReplayInputs]
     seed: int
     protocol: AuditProtocol | None
     classifier: SequenceClassifier | Unavailable
+    jobs: int = 1
 
 
-def audit_here(task: AuditTask, parts: KnownParts, progress: Progress | None = None) -> dict[str, Any]:
-    """The audit as JSON, in this process and with as many threads as it has."""
+PartsOf = Callable[[str], KnownParts]
+"""Gives the finished parts of the audit with a key."""
+
+
+def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:
+    """The audit as JSON, in this process and with as many threads as it has; those that draw have one."""
+    inputs = task.inputs()
+    parts = parts_of(audit_key(inputs, seed=task.seed, protocol=task.protocol, sequence_classifier=task.classifier))
 
     def remember(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         part = parts.get(name)
@@ -64,17 +77,19 @@ def audit_here(task: AuditTask, parts: KnownParts, progress: Progress | None = N
             parts.put(name, part)
         return part
 
-    return audit_leakage(
-        task.inputs,
-        seed=task.seed,
-        protocol=task.protocol,
-        sequence_classifier=task.classifier,
-        remember=remember,
-        progress=progress,
-    )
+    with Spool.temporary() as spool:
+        return audit_leakage(
+            inputs,
+            seed=task.seed,
+            protocol=task.protocol,
+            sequence_classifier=task.classifier,
+            remember=remember,
+            progress=progress,
+            draw=SpreadDraw(spool, isolated(task.jobs)) if task.jobs > 1 else drawn_here,
+        )
 
 
-def audit_in_own_process(task: AuditTask, parts: KnownParts, progress: Progress | None = None) -> dict[str, Any]:
+def audit_in_own_process(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:
     """The audit as JSON, from a process of its own; the process ends when this call does, however it ends.
 
     Raises:
@@ -92,7 +107,7 @@ def audit_in_own_process(task: AuditTask, parts: KnownParts, progress: Progress 
             )
         try:
             here.send(task)
-            return _serve(here, parts, progress)
+            return _serve(here, parts_of, progress)
         except (EOFError, ConnectionError) as error:
             raise ToolError(
                 "the process of the leakage audit died; give it more memory, or leave the audit out"
@@ -102,8 +117,13 @@ def audit_in_own_process(task: AuditTask, parts: KnownParts, progress: Progress 
             process.communicate()
 
 
-def _serve(connection: Connection, parts: KnownParts, progress: Progress | None) -> dict[str, Any]:
+def _serve(connection: Connection, parts_of: PartsOf, progress: Progress | None) -> dict[str, Any]:
     """Answer what the process asks until it has the whole audit."""
+    match connection.recv():
+        case "key", key:
+            parts = parts_of(key)
+        case "failed", error:
+            raise error
     while True:
         match connection.recv():
             case "progress", done, total, name:
@@ -126,6 +146,11 @@ class _AskedParts:
 
     connection: Connection
 
+    @classmethod
+    def of(cls, connection: Connection, key: str) -> _AskedParts:
+        connection.send(("key", key))
+        return cls(connection)
+
     def get(self, name: str) -> dict[str, Any] | None:
         self.connection.send(("get", name))
         part: dict[str, Any] | None = self.connection.recv()
@@ -140,7 +165,8 @@ def _work(connection: Connection) -> None:
     try:
         task = connection.recv()
         try:
-            document = audit_here(task, _AskedParts(connection), lambda *step: connection.send(("progress", *step)))
+            parts_of = partial(_AskedParts.of, connection)
+            document = audit_here(task, parts_of, lambda *step: connection.send(("progress", *step)))
         except (EOFError, ConnectionError):
             raise
         except Exception as error:  # it is the parent's

@@ -7,14 +7,17 @@ layers and options give equal bytes. Source: paper, "Release Structure"; spec/10
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from branchdrive.card.croissant import croissant
 from branchdrive.card.licence import render_licence
 from branchdrive.card.release_card import release_card
-from branchdrive.contract.companion import IGNORE_FILE, Companions
+from branchdrive.contract.companion import CROISSANT_FILE, IGNORE_FILE, Companions
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import (
     BENCHMARK,
     BENCHMARK_LEDGER_FILE,
@@ -27,17 +30,20 @@ from branchdrive.contract.layout import (
     SOURCE_FILE,
     STAGING_DIR,
 )
+from branchdrive.engine.spool import Spool
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
+from branchdrive.formats.durable import delete, make_dir
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
-from branchdrive.release.built_layers import LEDGERS, BuiltLayers, load_layers, load_ledger
+from branchdrive.release.built_layers import LEDGERS, BuiltLayers, StoredFile, TableStore, load_layers, load_ledger
 from branchdrive.release.leakage import build_leakage
 from branchdrive.release.publish import has_card, publish, published_identity, staging
 from branchdrive.release.scan import RawScan, check_unchanged, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality, check_encoding
+from branchdrive.release.stage_work import StageWork
 from branchdrive.runtime.executor import Executor, in_process
 
 __all__ = ["STAGES", "BuildReport", "build_release"]
@@ -46,6 +52,9 @@ STAGES = ("canonical", "quality", "leakage", "model")
 """Stages in order."""
 
 _NEEDS = {"canonical": "", "quality": "canonical", "leakage": "quality", "model": "quality"}
+
+_TABLES_DIR = "tables"
+"""Folder in the working area of a build where tables wait."""
 
 StageProgress = Callable[[str, int, int, str], None]
 """Called with the stage, the parts of it that are done, their number, and a note."""
@@ -56,13 +65,13 @@ class BuildReport:
     """What a build made.
 
     Attributes:
-        target: Folder of the release.
+        target: Folder of the release, or where it was uploaded.
         identity: Its identity.
         layers: Layers that it claims.
         documents: Its documents by path.
     """
 
-    target: Path
+    target: Path | str
     identity: str
     layers: tuple[str, ...]
     documents: dict[str, Any]
@@ -102,27 +111,39 @@ def build_release(
     _check(source, target, stages, drop_leakage)
     report = progress or (lambda *_: None)
 
-    def scanned() -> RawScan:
-        return scan_raw(source, executor, lambda done, total: report("raw", done, total, "shards"))
-
     is_in_place = _is_one(source, target)
-    # What is built from elsewhere is read before its release has a folder.
-    scan = None if is_in_place else scanned()
-    with staging(target.root, create=not is_in_place) as area:
+    with Spool.temporary() as spool, ExitStack() as resources:
+
+        def scanned() -> RawScan:
+            return scan_raw(source, spool, executor, lambda done, total: report("raw", done, total, "shards"))
+
+        # What is built from elsewhere is read before its release has a folder.
+        scan = None if is_in_place else scanned()
+        area = resources.enter_context(staging(target.root, create=not is_in_place))
         _check_card(target, stages)
         scan = scan or scanned()
         if "model" in stages:
             check_encoding(scan)
-        layers = load_layers(target, scan.descriptor.action_bank.keys, scan.parts)
+        layers = load_layers(target)
         _check_source(scan, layers, stages, target)
         if drop_leakage:
             layers.drop(LEAKAGE_FILE)
-        job = _Job(scan, target, layers, tuple(stages), options or BuildOptions(), protocol, area, report)
+        work = StageWork(scan, layers, _table_store(area, scan), executor)
+        job = _Job(work, target, tuple(stages), options or BuildOptions(), protocol, area, report)
         for stage in STAGES:
             if stage in stages:
                 job.carry_out(stage)
         manifest = job.publish()
+        target.replace(CROISSANT_FILE, dump_json(croissant(read_descriptor(target), manifest.files)))
     return BuildReport(target.root, manifest.identity, layers.names, layers.documents)
+
+
+def _table_store(area: Path, scan: RawScan) -> TableStore:
+    """An empty folder for tables in the working area of a build."""
+    folder = area / _TABLES_DIR
+    delete(folder)
+    make_dir(folder)
+    return TableStore(Folder(folder), scan.descriptor.action_bank.keys)
 
 
 def _is_one(one: Folder, other: Folder) -> bool:
@@ -185,9 +206,8 @@ def _check_source(scan: RawScan, layers: BuiltLayers, stages: Sequence[str], tar
 class _Job:
     """One build: what it reads, where it writes, and what was decided."""
 
-    scan: RawScan
+    work: StageWork
     target: Folder
-    layers: BuiltLayers
     stages: tuple[str, ...]
     options: BuildOptions
     protocol: AuditProtocol | None
@@ -195,11 +215,19 @@ class _Job:
     report: StageProgress
 
     @property
+    def scan(self) -> RawScan:
+        return self.work.scan
+
+    @property
+    def layers(self) -> BuiltLayers:
+        return self.work.layers
+
+    @property
     def is_in_place(self) -> bool:
         return _is_one(self.target, self.scan.dataset)
 
     def carry_out(self, stage: str) -> None:
-        """Build a stage, in memory: what is there stays as it is until all of it is built."""
+        """Build a stage, beside its place: what is there stays as it is until all of it is built."""
         self.report(stage, 0, 1, "")
         work = {
             "canonical": self._canonical,
@@ -211,8 +239,8 @@ class _Job:
         self.report(stage, 1, 1, "")
 
     def _canonical(self) -> None:
-        layers, before = self.layers, dict(self.layers.contents)
-        build_canonical(self.scan, layers)
+        layers, before = self.layers, self.layers.digests
+        build_canonical(self.work)
         if layers.changed_since(before):
             layers.drop_after("canonical")
         if layers.contents.keys() & {*LEDGERS} and "quality" not in (*layers.names, *self.stages):
@@ -222,21 +250,20 @@ class _Job:
             )
 
     def _quality(self) -> None:
-        layers, before = self.layers, dict(self.layers.contents)
+        layers, before = self.layers, self.layers.digests
         ledger = layers.documents.get(LEDGER_FILE)
         if not self.is_in_place:
             for path in LEDGERS:
                 theirs = load_ledger(self.scan.dataset, path)
                 ledger = merged(ledger, theirs, beside=layers.documents.get(BENCHMARK_LEDGER_FILE))
-        build_quality(self.scan, layers, self.options, ledger)
+        build_quality(self.work, self.options, ledger)
         if layers.changed_since(before):
             layers.drop_after("quality")
             layers.drop(LEAKAGE_FILE)
 
     def _leakage(self) -> None:
         build_leakage(
-            self.scan,
-            self.layers,
+            self.work,
             self.area,
             seed=self.options.seed,
             protocol=self.protocol,
@@ -244,7 +271,7 @@ class _Job:
         )
 
     def _model(self) -> None:
-        build_model(self.scan, self.layers)
+        build_model(self.work)
 
     def publish(self) -> Manifest:
         """Put everything in its place; the manifest of the release."""
@@ -258,7 +285,8 @@ class _Job:
         descriptor = Descriptor.model_validate({**scan.descriptor.model_dump(mode="json"), "layers": list(claimed)})
         # The ledger stays in its place while the layer around it is built again.
         kept = {*layers.names, LEDGER_FILE}
-        files = {path: content for path, content in layers.contents.items() if {path, path.split("/")[0]} & kept}
+        built: dict[str, bytes | StoredFile] = {**layers.contents, **layers.files}
+        files = {path: file for path, file in built.items() if {path, path.split("/")[0]} & kept}
         if "quality" in layers.names:
             files[CARD_FILE] = release_card(descriptor, layers.documents).encode()
             files[LICENCE_FILE] = render_licence(descriptor.licence).encode()
@@ -274,4 +302,4 @@ class _Job:
 
 
 def _identity(kept: Mapping[str, str], layers: BuiltLayers) -> str:
-    return Manifest.of({**kept, **{path: layers.digest(path) for path in layers.contents}}).identity
+    return Manifest.of({**kept, **layers.digests}).identity

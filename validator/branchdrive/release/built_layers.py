@@ -1,35 +1,126 @@
-"""Derived layers as they are built: frames, documents and bytes, and what of them a folder already holds."""
+"""Derived layers as they are built: documents here, tables in files, and what of both a folder already holds.
+
+Rows of tables are never held together: a table is written part by part, here or by workers, into the working area of
+a build, and waits there until it is published.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.columns import LAYER_TABLES, table_schema
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
-from branchdrive.contract.layer import LAYERS, table_paths
+from branchdrive.contract.layer import LAYERS, table_file, table_path, table_paths
 from branchdrive.contract.layout import BENCHMARK_LEDGER_FILE, LEDGER_FILE, MANIFEST_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
+from branchdrive.formats.durable import write_file
+from branchdrive.formats.file_error import machine_faults
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import read_manifest
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.table_file import layer_table_paths, part_numbers, parts_of, read_layer_table
+from branchdrive.formats.table_file import layer_table_paths, partitions_of, read_table
 from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
-from branchdrive.tables.frame import Frame, Values, sort_rows
+from branchdrive.tables.frame import Frame, Values, concat, sort_rows
 
-__all__ = ["LEDGERS", "BuiltLayers", "load_layers", "load_ledger"]
+__all__ = ["LEDGERS", "BuiltLayers", "StoredFile", "TableStore", "load_layers", "load_ledger"]
 
 LEDGERS = (LEDGER_FILE, BENCHMARK_LEDGER_FILE)
 """Documents that stay whatever becomes of the layers around them: they cannot be computed again."""
 
 
-_PART = "part"
-"""Column, while rows are sorted, with the part of each."""
+@dataclass(frozen=True)
+class StoredFile:
+    """A file of a release, wherever its bytes wait.
+
+    Attributes:
+        folder: The dataset that has it, or the working area of a build.
+        name: Its path there.
+        sha256: Its digest.
+    """
+
+    folder: Folder
+    name: str
+    sha256: str
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self.folder.root / self.name
+
+    def rows(self, table: str) -> dict[str, Values]:
+        """Its rows, of a table of a layer.
+
+        Raises:
+            DatasetError: It cannot be read any more.
+        """
+        return from_arrow(read_table(self.folder, self.name, table), table)
+
+
+@dataclass(frozen=True)
+class TableStore:
+    """Where parts of tables are written; workers have it too.
+
+    Attributes:
+        area: A folder that is there when the first is written.
+        keys: Action keys in presentation order, by which tables are sorted.
+    """
+
+    area: Folder
+    keys: tuple[str, ...]
+
+    def put(self, name: str, frame: Frame, part: int) -> dict[str, StoredFile]:
+        """Write the rows of one part of a table, sorted by key; its files by path, none where it has no row.
+
+        Raises:
+            ContractError: Its columns are not those declared.
+            PlatformError: The disk is full, or cannot be written.
+        """
+        declared = LAYER_TABLES[name]
+        orders = {"action_key": self.keys, "partition": declared.partitions}
+        rows = to_arrow(name, sort_rows(frame, declared.order, orders))
+        return {
+            path: self._write(path, encode_table(own))
+            for partition, own in partitions_of(name, rows)
+            for path in [table_path(name, partition, part)]
+            if own.num_rows
+        }
+
+    def put_whole(self, name: str, frame: Frame) -> dict[str, StoredFile]:
+        """Write a table that lies in no parts; its one file by path."""
+        path = table_path(name)
+        return {
+            path: self._write(
+                path,
+                encode_table(to_arrow(name, sort_rows(frame, LAYER_TABLES[name].order, {"action_key": self.keys}))),
+            )
+        }
+
+    def completed(self, names: Collection[str], files: Mapping[str, StoredFile]) -> dict[str, StoredFile]:
+        """All files of tables, given those with rows: a table or partition without any gets its first part."""
+        there = {file[:2] for path in files if (file := table_file(path)) is not None}
+        lacking = (
+            (name, table_path(name, partition))
+            for name in names
+            for partition in LAYER_TABLES[name].partitions or (None,)
+            if (name, partition) not in there
+        )
+        return {
+            **files,
+            **{path: self._write(path, encode_table(table_schema(n).empty_table())) for n, path in lacking},
+        }
+
+    def _write(self, path: str, content: bytes) -> StoredFile:
+        name = path.replace("/", "-")
+        with machine_faults(self.area.root / name):
+            write_file(self.area.root / name, content)
+        return StoredFile(self.area, name, hashlib.sha256(content).hexdigest())
 
 
 @dataclass
@@ -37,63 +128,73 @@ class BuiltLayers:
     """Layers of one release.
 
     Attributes:
-        keys: Action keys in presentation order, by which tables are sorted.
-        parts: Number of the part of each group.
-        frames: Tables by name.
+        files: Tables, and further files, by path.
         documents: Documents by path.
-        contents: Bytes of every file by path.
+        contents: Bytes of the documents by path.
     """
 
-    keys: tuple[str, ...]
-    parts: Mapping[str, int] = field(default_factory=dict)
-    frames: dict[str, dict[str, Values]] = field(default_factory=dict)
+    files: dict[str, StoredFile] = field(default_factory=dict)
     documents: dict[str, Any] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
 
-    def put_table(self, name: str, frame: Frame) -> None:
-        """Add a table; its rows are sorted by the file that they belong in, and by key.
+    @property
+    def paths(self) -> frozenset[str]:
+        """Paths of all files."""
+        return frozenset((*self.files, *self.contents))
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of every file, by path."""
+        return {path: file.sha256 for path, file in self.files.items()} | {p: self.digest(p) for p in self.contents}
+
+    def digest(self, path: str) -> str:
+        """SHA-256 of a file's bytes."""
+        if path in self.files:
+            return self.files[path].sha256
+        return hashlib.sha256(self.contents[path]).hexdigest()
+
+    def rows(self, name: str) -> dict[str, Values]:
+        """All rows of a table.
 
         Raises:
-            ContractError: Its columns are not those declared.
+            DatasetError: A file of it cannot be read any more.
         """
-        declared = LAYER_TABLES[name]
-        orders = {"action_key": self.keys, "partition": declared.partitions}
-        key = declared.order
-        if declared.is_of_groups:
-            frame = {**frame, _PART: part_numbers(frame["group_id"].tolist(), self.parts)}
-            key = (*declared.order[: len(declared.order) - len(declared.key)], _PART, *declared.key)
-        ordered = sort_rows(frame, key, orders)
-        self.frames[name] = {column: values for column, values in ordered.items() if column != _PART}
-        for path in table_paths(name, self.contents):
-            del self.contents[path]
-        for path, rows in parts_of(name, to_arrow(name, self.frames[name]), self.parts).items():
-            self.contents[path] = encode_table(rows)
+        return concat([self.files[path].rows(name) for path in table_paths(name, self.files)])
+
+    def put_tables(self, names: Collection[str], files: Mapping[str, StoredFile]) -> None:
+        """Put tables, all files of which are given, in the place of what they were."""
+        for name in names:
+            for path in table_paths(name, self.files):
+                del self.files[path]
+        self.files |= files
 
     def put_document(self, path: str, document: Any) -> None:
         """Add a document."""
         self.documents[path] = document
         self.contents[path] = dump_json(document)
 
-    def digest(self, path: str) -> str:
-        """SHA-256 of a file's bytes."""
-        return hashlib.sha256(self.contents[path]).hexdigest()
-
     @property
     def names(self) -> tuple[str, ...]:
         """Layers that are whole, in order."""
-        whole = []
+        whole, paths = [], self.paths
         for name, layer in LAYERS.items():
-            if layer.missing(self.contents):
+            if layer.missing(paths):
                 break
             whole.append(name)
         return tuple(whole)
 
-    def changed_since(self, before: Mapping[str, bytes]) -> bool:
-        """Whether a file of `before`, the ledger apart, is not what it was: what is derived from it is of another."""
-        return any(self.contents.get(path) != content for path, content in before.items() if path != LEDGER_FILE)
+    def changed_since(self, before: Mapping[str, str]) -> bool:
+        """Whether a file of `before`, the ledger apart, is not what it was: what is derived from it is of another.
+
+        Args:
+            before: SHA-256 of files by path.
+        """
+        now = self.digests
+        return any(now.get(path) != digest for path, digest in before.items() if path != LEDGER_FILE)
 
     def drop(self, path: str) -> None:
-        """Forget a document."""
+        """Forget a file."""
+        self.files.pop(path, None)
         self.contents.pop(path, None)
         self.documents.pop(path, None)
 
@@ -101,49 +202,42 @@ class BuiltLayers:
         """Forget every layer that is derived from `layer`, but not the ledgers."""
         order = list(LAYERS)
         for name in order[order.index(layer) + 1 :]:
-            free = {path for path in self.contents if LAYERS[name].admits_free(path)}
-            for path in {*LAYERS[name].own(self.contents), *LAYERS[name].own(self.documents), *free} - {*LEDGERS}:
+            free = {path for path in self.files if LAYERS[name].admits_free(path)}
+            for path in {*LAYERS[name].own(self.paths), *LAYERS[name].own(self.documents), *free} - {*LEDGERS}:
                 self.drop(path)
-            for table in LAYERS[name].tables:
-                self.frames.pop(table, None)
 
 
-def load_layers(dataset: Folder, keys: tuple[str, ...], parts: Mapping[str, int] | None = None) -> BuiltLayers:
+def load_layers(dataset: Folder) -> BuiltLayers:
     """Layers that a dataset holds whole, sound and as its manifest has them, up to the first that it does not.
 
     Ledgers are kept whatever became of the files beside them.
 
     Args:
         dataset: The dataset.
-        keys: Action keys in presentation order.
-        parts: Number of the part of each group, for tables that are put; all are in the first by default.
     """
-    found, listed = BuiltLayers(keys, parts or {}), _listed_digests(dataset)
+    found, listed = BuiltLayers(), _listed_digests(dataset)
     for layer in LAYERS.values():
-        read = BuiltLayers(keys, parts or {})
+        read = BuiltLayers()
         try:
             for name in layer.tables:
                 for path in layer_table_paths(dataset, name):
-                    read.contents[path] = dataset.read(path, spec_limits().max_table_bytes)
-                read.frames[name] = from_arrow(read_layer_table(dataset, name), name)
+                    read_table(dataset, path, name)
+                    read.files[path] = StoredFile(dataset, path, dataset.digest(path))
             for document in layer.documents.values():
                 path = f"{layer.name}/{document.name}"
                 if not document.optional or (dataset.root / path).is_file():
                     _load_document(read, dataset, path, document.schema)
             for path in (path for path in listed if layer.admits_free(path)):
-                read.contents[path] = dataset.read(path, spec_limits().max_table_bytes)
+                read.files[path] = StoredFile(dataset, path, dataset.digest(path))
             _check_digests(read, dataset, listed)
         except DatasetError:
             for path in LEDGERS:
                 with suppress(DatasetError):
                     _load_document(found, dataset, path, _schema_of(path))
             break
-        for mine, other in (
-            (found.frames, read.frames),
-            (found.documents, read.documents),
-            (found.contents, read.contents),
-        ):
-            mine.update(other)  # type: ignore[arg-type]
+        found.files |= read.files
+        found.documents |= read.documents
+        found.contents |= read.contents
     return found
 
 
@@ -158,8 +252,8 @@ def _listed_digests(dataset: Folder) -> dict[str, str]:
 
 def _check_digests(read: BuiltLayers, dataset: Folder, listed: Mapping[str, str]) -> None:
     """A layer that was interrupted while it was published is a mixture of two, whose files decode all the same."""
-    for path in read.contents:
-        if listed.get(path) != read.digest(path):
+    for path, digest in read.digests.items():
+        if listed.get(path) != digest:
             raise DatasetError(f"{dataset}: {path!r} is not the file that {MANIFEST_FILE} lists; build the layer again")
 
 

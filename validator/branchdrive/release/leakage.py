@@ -10,30 +10,34 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layout import LEAKAGE_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.resources import SPEC_VERSION, load_resource
 from branchdrive.contract.schema_check import compiled_schema
+from branchdrive.engine.raw_rows import REPLAYS
 from branchdrive.errors import DatasetError, PlatformError
 from branchdrive.formats.durable import delete, make_dir, replace_file
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.image_codec import NO_DECODER, can_decode
-from branchdrive.leakage.audit import Progress, audit_key
+from branchdrive.leakage.audit import Progress
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable, sequence_classifier
+from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
-from branchdrive.leakage.replays import replay_inputs
+from branchdrive.leakage.replays import collected_inputs, core_valid_homes
 from branchdrive.leakage.streams import examined_cameras
 from branchdrive.release.audit_process import AuditTask, audit_in_own_process
-from branchdrive.release.built_layers import BuiltLayers
-from branchdrive.release.scan import RawScan
+from branchdrive.release.scan import RawPart
+from branchdrive.release.stage_work import StageWork
+from branchdrive.runtime.executor import jobs_of
 
 __all__ = ["StoredParts", "build_leakage"]
 
@@ -41,8 +45,7 @@ _SCHEMA = "leakage.schema.json"
 
 
 def build_leakage(
-    scan: RawScan,
-    layers: BuiltLayers,
+    work: StageWork,
     area: Path,
     *,
     seed: int,
@@ -53,8 +56,7 @@ def build_leakage(
     """Audit what precedes the branch in the replays of the core-valid groups.
 
     Args:
-        scan: The raw layer.
-        layers: Canonical and quality layer.
+        work: The raw layer, and canonical and quality layer.
         area: Working area of the build; finished parts wait there for a build that goes on.
         seed: Of everything random.
         protocol: Numbers of the audit; None is the default.
@@ -65,13 +67,36 @@ def build_leakage(
         PlatformError: There are images to examine, and nothing that decodes them.
         ToolError: The audit's process died.
     """
+    scan = work.scan
     if examined_cameras(scan.descriptor) and not can_decode():
         raise PlatformError(NO_DECODER)
-    inputs = replay_inputs(scan.rows["replays"], layers.frames["group_quality"], scan.descriptor)
+    homes = core_valid_homes(work.layers.rows("group_quality"))
     classifier = classifier or sequence_classifier()
-    key = audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
-    task = AuditTask(inputs, seed, protocol, classifier)
-    layers.put_document(LEAKAGE_FILE, audit_in_own_process(task, StoredParts.of(area, key), progress))
+    task = AuditTask(
+        SpooledReplays(scan.parts, homes, scan.descriptor), seed, protocol, classifier, jobs_of(work.executor)
+    )
+    document = audit_in_own_process(task, partial(StoredParts.of, area), progress)
+    work.layers.put_document(LEAKAGE_FILE, document)
+
+
+@dataclass(frozen=True)
+class SpooledReplays:
+    """Replays of core-valid groups that wait in a spool.
+
+    Attributes:
+        parts: Where they are.
+        homes: Partition of each group.
+        descriptor: Of the dataset.
+    """
+
+    parts: tuple[RawPart, ...]
+    homes: Mapping[str, str]
+    descriptor: Descriptor
+
+    def __call__(self) -> ReplayInputs:
+        """What the audit may see of them, in memory."""
+        frames = (part.spool.get(f"{shard}.{REPLAYS}") for part in self.parts for shard in part.shards)
+        return collected_inputs(frames, self.homes, self.descriptor)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from branchdrive.formats.descriptor_file import read_descriptor, render_descript
 from branchdrive.formats.durable import delete, make_dir, move, sync_dir, write_file
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, read_manifest, write_manifest
+from branchdrive.release.built_layers import StoredFile
 from branchdrive.runtime.file_lock import FileLock
 
 __all__ = [
@@ -225,32 +226,46 @@ def _refuse_links(target: Path) -> None:
             raise UsageError(f"{entry} is a link; a build writes into plain folders only, remove it")
 
 
-def publish(target: Folder, kept: Mapping[str, str], files: Mapping[str, bytes], descriptor: Descriptor) -> Manifest:
+def publish(
+    target: Folder, kept: Mapping[str, str], files: Mapping[str, bytes | StoredFile], descriptor: Descriptor
+) -> Manifest:
     """Make `target` a dataset of `kept` and `files`, and nothing else.
 
     Args:
         target: The dataset.
         kept: SHA-256 of files that are there and stay, by path; `files` goes before it.
-        files: Bytes of all other files by path, descriptor and manifest excepted.
+        files: All other files by path, descriptor and manifest excepted: their bytes, or where they wait, in the
+            staging area or in their place.
         descriptor: What the dataset claims.
 
     Returns:
         Its manifest.
+
+    Raises:
+        DatasetError: A file that waits in its place was changed.
     """
     descriptor_bytes = render_descriptor(descriptor)
-    digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
+    digests = {path: _digest(file) for path, file in files.items()}
     digests[DESCRIPTOR_FILE] = hashlib.sha256(descriptor_bytes).hexdigest()
     root = target.root
     fresh = root / STAGING_DIR / _BUILD_DIR / _NEW
     delete(fresh)
     make_dir(fresh.parent)
     make_dir(fresh)
-    waiting = {path: content for path, content in files.items() if not _is_there(root / path, digests[path])}
-    for number, content in enumerate(waiting.values()):
-        write_file(fresh / str(number), content)
-    for number, path in enumerate(waiting):
+    waiting: dict[str, Path] = {}
+    for path, file in files.items():
+        if _is_there(root / path, digests[path]):
+            continue
+        if isinstance(file, bytes):
+            waiting[path] = fresh / str(len(waiting))
+            write_file(waiting[path], file)
+        elif file.path == root / path:
+            raise DatasetError(f"{target}: {path!r} was changed while the release was built; build again afterwards")
+        else:
+            waiting[path] = file.path
+    for path, place in waiting.items():
         make_dir((root / path).parent)
-        move(fresh / str(number), root / path)
+        move(place, root / path)
     for path in _own_files(target):
         if path not in files and path not in kept:
             delete(root / path)
@@ -301,6 +316,10 @@ def _card(target: Folder, descriptor: Descriptor, files: Mapping[str, bytes], ke
         return release_card(descriptor, documents).encode()
     except (ValueError, RecursionError, KeyError, TypeError) as error:
         raise DatasetError(f"{target}: the documents of the release give no card; run `branchdrive build`") from error
+
+
+def _digest(file: bytes | StoredFile) -> str:
+    return hashlib.sha256(file).hexdigest() if isinstance(file, bytes) else file.sha256
 
 
 def _is_there(path: Path, digest: str) -> bool:

@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import part_of
 from branchdrive.contract.layout import MANIFEST_FILE, layer_of
@@ -22,12 +25,41 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import read_manifest
 from branchdrive.raw.content import raw_content
 from branchdrive.runtime.executor import Executor
-from branchdrive.tables.frame import Frame
 
-__all__ = ["RawScan", "check_unchanged", "scan_raw"]
+__all__ = ["RawPart", "RawScan", "check_unchanged", "scan_raw"]
 
 _RAW_LAYERS = ("raw", "media")
 """Layers that a builder reads and never writes."""
+
+
+@dataclass(frozen=True)
+class RawPart:
+    """Rows of the shards of one part.
+
+    Attributes:
+        number: Its number.
+        spool: Where they wait.
+        shards: Prefixes of the shards in the spool.
+        names: Names of the frames of each.
+    """
+
+    number: int
+    spool: Spool
+    shards: tuple[str, ...]
+    names: tuple[str, ...]
+
+    @property
+    def rows(self) -> SpooledFrames:
+        """Rows by table, each read when it is asked for."""
+        return SpooledFrames(self.spool, self.shards, self.names)
+
+    def put_array(self, name: str, values: NDArray[np.float64]) -> None:
+        """Keep an array that was computed of them."""
+        self.spool.put_array(f"part-{self.number}.{name}", values)
+
+    def array(self, name: str) -> NDArray[np.float64]:
+        """An array that was kept; it lies in its file until it is read."""
+        return self.spool.array(f"part-{self.number}.{name}")
 
 
 @dataclass(frozen=True)
@@ -39,20 +71,34 @@ class RawScan:
         descriptor: The dataset's descriptor.
         digest: Digest of the content of the raw layer.
         files: SHA-256 of every file of the raw layer and its media, by path.
-        rows: Rows that it gives for the derived layers, by table.
-        parts: Number of the part of each group, of tables of the derived layers.
+        spool: Where rows wait that it gives for the derived layers.
+        parts: Its parts, in order of their numbers.
+        num_groups: Its groups.
     """
 
     dataset: Folder
     descriptor: Descriptor
     digest: str
     files: dict[str, str]
-    rows: Mapping[str, Frame]
-    parts: Mapping[str, int]
+    spool: Spool
+    parts: tuple[RawPart, ...]
+    num_groups: int
+
+    @property
+    def rows(self) -> SpooledFrames:
+        """Rows of all parts by table, each read when it is asked for."""
+        shards = [shard for part in self.parts for shard in part.shards]
+        return SpooledFrames(self.spool, shards, self.parts[0].names)
 
 
-def scan_raw(dataset: Folder, executor: Executor, progress: Progress | None = None) -> RawScan:
+def scan_raw(dataset: Folder, spool: Spool, executor: Executor, progress: Progress | None = None) -> RawScan:
     """Read, verify and judge the raw layer of a dataset.
+
+    Args:
+        dataset: The dataset.
+        spool: Where its rows wait for who builds from them.
+        executor: How shards are read.
+        progress: Called after every shard.
 
     Raises:
         DatasetError: There is no finished raw layer, it is damaged, or it breaks the format.
@@ -60,11 +106,8 @@ def scan_raw(dataset: Folder, executor: Executor, progress: Progress | None = No
     """
     survey = take_survey(dataset)
     descriptor = _finished(survey)
-    with Spool.temporary() as spool:
-        reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
-        results = reading.shards
-        names = [spooled_name(shard.folder) for shard in results]
-        rows = dict(SpooledFrames(spool, names, results[0].frames if all(shard.frames for shard in results) else ()))
+    reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
+    results = reading.shards
     for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()
         raise DatasetError(f"{dataset}: the tool failed on {place} ({reason}); run `branchdrive-validate` to see more")
@@ -76,8 +119,16 @@ def scan_raw(dataset: Folder, executor: Executor, progress: Progress | None = No
     digest = raw_content(results)
     if digest is None:
         raise DatasetError(f"{dataset}: its attempts have no identity; run `branchdrive-validate`")
-    parts = {group: part_of(shard.folder) for shard in results for group in shard.group_ids}
-    return RawScan(dataset, descriptor, digest, _raw_files(reading.source.digests), rows, parts)
+    num_groups = sum(len(shard.group_ids) for shard in results)
+    files = _raw_files(reading.source.digests)
+    return RawScan(dataset, descriptor, digest, files, spool, _parts(spool, results), num_groups)
+
+
+def _parts(spool: Spool, results: Sequence[ShardResult]) -> tuple[RawPart, ...]:
+    shards: dict[int, list[str]] = {}
+    for shard in results:
+        shards.setdefault(part_of(shard.folder), []).append(spooled_name(shard.folder))
+    return tuple(RawPart(number, spool, tuple(own), results[0].frames) for number, own in sorted(shards.items()))
 
 
 def _finished(survey: Survey) -> Descriptor:

@@ -1,4 +1,4 @@
-"""The stages of a build, each a function from the raw scan and the layers before it to the files of its own.
+"""The stages of a build, each from the raw layer and the layers before it to the files of its own, part by part.
 
 Source: paper, "Release Structure" and "Collection Integrity, Replay Fidelity, and Leakage";
 spec/10-layers.md#derivation.
@@ -6,30 +6,27 @@ spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.canonical.record import source_counts
-from branchdrive.contract.descriptor import Descriptor
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.canonical.record import sum_of_counts
+from branchdrive.contract.columns import table_schema
 from branchdrive.contract.encoding import ENCODING_NAME
-from branchdrive.contract.layer import LAYERS
+from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import FILTERING_FILE, LEDGER_FILE, SOURCE_FILE
 from branchdrive.contract.resources import SPEC_VERSION
-from branchdrive.errors import DatasetError
-from branchdrive.model.arrays import pack_arrays
+from branchdrive.errors import DatasetError, UsageError
 from branchdrive.model.features import features_document
-from branchdrive.model.near_duplicate import near_duplicate_flags
-from branchdrive.model.normalisation_document import normalisation_document
-from branchdrive.model.rows import action_rows, context_rows
-from branchdrive.quality.fidelity import (
-    retention_document,
-    threshold_document,
-    thresholds_of,
-    with_passes,
-    with_validity,
-)
-from branchdrive.quality.filtering import filtering_document
+from branchdrive.model.near_duplicate import judged_flags, valid_groups
+from branchdrive.model.normalisation import training
+from branchdrive.model.normalisation_document import scalings_document
+from branchdrive.model.rows import action_rows
+from branchdrive.quality.fidelity import CRITERIA, fitting_groups, retention_document_of, threshold_document_of
+from branchdrive.quality.filtering import filtering_document_of, matched_thresholds
 from branchdrive.quality.ledger import Ledger, with_round
 from branchdrive.quality.partition import (
     assignment_of,
@@ -38,12 +35,24 @@ from branchdrive.quality.partition import (
     split_document,
     with_partitions,
 )
-from branchdrive.quality.population import population_document
+from branchdrive.quality.population import frozen_groups, population_document
 from branchdrive.quality.variants import Variant, variants_document
-from branchdrive.release.built_layers import BuiltLayers
-from branchdrive.release.scan import RawScan
-from branchdrive.statistics.split import Calibration
-from branchdrive.tables.frame import with_homes
+from branchdrive.release.part_task import (
+    CanonicalTask,
+    FittedTask,
+    JudgedTask,
+    ModelTask,
+    canonical_part,
+    fitted_part,
+    judged_part,
+    model_part,
+)
+from branchdrive.release.scan import RawPart, RawScan
+from branchdrive.release.stage_work import StageWork, in_parts
+from branchdrive.release.whole_task import duplicates_of_all, mean_shares_of_all, scalings_of_all
+from branchdrive.statistics.split import TRAINING, Calibration
+from branchdrive.tables.arrow import from_arrow
+from branchdrive.tables.frame import Frame, concat, num_rows
 
 __all__ = ["BuildOptions", "build_canonical", "build_model", "build_quality", "check_encoding"]
 
@@ -65,65 +74,100 @@ class BuildOptions:
     variants: Sequence[Variant] = ()
 
 
-def build_canonical(scan: RawScan, layers: BuiltLayers) -> None:
+def build_canonical(work: StageWork) -> None:
     """One record for each group and action, and what became of every attempt."""
-    for name in LAYERS["canonical"].tables:
-        layers.put_table(name, scan.rows[name])
+    scan, layers = work.scan, work.layers
+    written = work.run(canonical_part, [CanonicalTask(part, work.store) for part in scan.parts])
+    work.put_tables("canonical", (part.files for part in written))
     document: dict[str, Any] = {
         "spec_version": SPEC_VERSION,
         "raw_layer": scan.digest,
         "dataset_id": scan.descriptor.dataset_id,
         "dataset_version": scan.descriptor.dataset_version,
-        **source_counts(layers.frames["records"], layers.frames["attempts"]),
+        **sum_of_counts([part.counts for part in written]),
     }
     layers.put_document(SOURCE_FILE, document)
 
 
-def build_quality(scan: RawScan, layers: BuiltLayers, options: BuildOptions, ledger: Ledger | None) -> None:
+def build_quality(work: StageWork, options: BuildOptions, ledger: Ledger | None) -> None:
     """Compliance, split, discrepancies, thresholds, then validation and test, and what is left.
 
     The split is drawn before any threshold is fitted, and thresholds are fixed before any other partition is
     looked at; the ledger records it.
 
     Args:
-        scan: The raw layer.
-        layers: The canonical layer.
+        work: The raw layer, and the canonical one.
         options: What the builder decides.
         ledger: The accesses of earlier builds, if there are any.
 
     Raises:
         DatasetError: There are too few groups for a split or for thresholds.
     """
-    rows = scan.rows
-    quality, routes = rows["group_quality"], rows["routes"]
+    scan, layers = work.scan, work.layers
+    routes = scan.rows["routes"]
+    quality = [part.rows["group_quality"] for part in scan.parts]
+    numbers = np.repeat(np.arange(len(quality)), [num_rows(rows) for rows in quality])
+    groups: Frame = concat(quality)
     try:
         clusters = cluster_of_groups(routes["group_id"].tolist(), routes["town"].tolist(), routes["points"])
-        assignment = draw_partitions(quality, clusters, seed=options.seed, calibration=options.calibration)
-        groups = with_partitions(quality, clusters, assignment)
+        assignment = draw_partitions(groups, clusters, seed=options.seed, calibration=options.calibration)
+        groups = with_partitions(groups, clusters, assignment)
         split = split_document(assignment, clusters, seed=options.seed, calibration=options.calibration)
-        thresholds = threshold_document(rows["pairs"], groups)
+        fitted_on = {*fitting_groups(groups, assignment)}
+        fitting = [sorted(fitted_on.intersection(rows["group_id"].tolist())) for rows in quality]
+        tasks_to_fit = [FittedTask(part, among) for part, among in zip(scan.parts, fitting, strict=True)]
+        fitted = work.run(fitted_part, tasks_to_fit)
+        thresholds = threshold_document_of([largest for largest, _ in fitted], split["digest"])
     except ValueError as error:
         less = ", or ask for fewer groups and clusters with `--calibration`" if options.calibration else ""
         raise DatasetError(f"{scan.dataset}: {error}; collect more groups, on other routes{less}") from error
+    del routes, quality
+    matched = matched_thresholds([largest for _, largest in fitted])
     layers.put_document(_SPLIT, split)
     layers.put_document(_THRESHOLDS, thresholds)
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
     layers.put_document(LEDGER_FILE, with_round(ledger, **digests))
 
-    pairs = with_passes(rows["pairs"], thresholds_of(thresholds))
-    groups = with_validity(groups, pairs)
-    groups["near_duplicate"] = near_duplicate_flags(groups, rows["state"], rows["past_controls"], assignment)
-    layers.put_table("attempt_quality", rows["attempt_quality"])
-    layers.put_table("pairs", pairs)
-    layers.put_table("group_quality", groups)
-    # From the tables as they are stored, as a validator recomputes it.
-    pairs, groups = layers.frames["pairs"], layers.frames["group_quality"]
-    layers.put_document("quality/retention.json", retention_document(pairs, groups, seed=options.seed, **digests))
-    filtering = filtering_document(pairs, groups, rows["replay_frames"], thresholds)
-    layers.put_document(FILTERING_FILE, filtering)
+    rows = in_parts(groups, numbers, len(scan.parts))
+    tasks = [
+        JudgedTask(part, work.store, own, among, thresholds, matched)
+        for part, own, among in zip(scan.parts, rows, fitting, strict=True)
+    ]
+    judged = work.run(judged_part, tasks)
+    valid = np.concatenate([part.valid for part in judged])
+    groups = {**groups, **{f"{criterion}_valid": valid[:, i] for i, criterion in enumerate(CRITERIA)}}
+    groups = {**groups, "near_duplicate": _near_duplicates(work, groups, numbers, assignment)}
+    for number, part in enumerate(in_parts(groups, numbers, len(scan.parts))):
+        judged[number].files.update(work.store.put("group_quality", part, scan.parts[number].number))
+    work.put_tables("quality", (part.files for part in judged))
+    homes = [*assignment_of(groups).values()]
+    counts = np.concatenate([part.counts for part in judged])
+    retention = retention_document_of(counts, homes, seed=options.seed, **digests)
+    layers.put_document("quality/retention.json", retention)
+    figures = [part.figures for part in judged]
+    means = mean_shares_of_all(work, dict(enumerate(fitting)))
+    layers.put_document(FILTERING_FILE, filtering_document_of(figures, means, thresholds, matched, split["digest"]))
     num_policies = len(scan.descriptor.action_bank.policies)
     layers.put_document("quality/population.json", population_document(groups, num_policies=num_policies))
     layers.put_document("quality/variants.json", variants_document(groups, options.variants))
+
+
+def _near_duplicates(
+    work: StageWork, groups: Frame, numbers: NDArray[np.int64], assignment: Mapping[str, str]
+) -> NDArray[np.bool_]:
+    """Near duplicates among all groups, rows of `groups`, which has the place of the part of each in `numbers`."""
+    valid = valid_groups(groups, assignment)
+    found = duplicates_of_all(work, _by_part(valid, groups, numbers), assignment) if valid else None
+    return judged_flags(groups, valid, found, assignment).flagged
+
+
+def _by_part(chosen: Iterable[str], groups: Frame, numbers: NDArray[np.int64]) -> dict[int, list[str]]:
+    """Groups by the place of their part, sorted in each."""
+    place_of = dict(zip(groups["group_id"].tolist(), numbers.tolist(), strict=True))
+    found: dict[int, list[str]] = {}
+    for group in sorted(chosen):
+        found.setdefault(place_of[group], []).append(group)
+    return found
 
 
 def check_encoding(scan: RawScan) -> None:
@@ -140,27 +184,52 @@ def check_encoding(scan: RawScan) -> None:
         )
 
 
-def build_model(scan: RawScan, layers: BuiltLayers) -> None:
+def build_model(work: StageWork) -> None:
     """Inputs and targets of the frozen population.
 
     Raises:
         DatasetError: The frozen population has no training group, or the bank has an encoding of its own.
     """
-    descriptor: Descriptor = scan.descriptor
+    scan, layers, descriptor = work.scan, work.layers, work.scan.descriptor
     check_encoding(scan)
-    contexts = context_rows(layers.frames["group_quality"], layers.frames["records"])
-    groups = contexts["group_id"].tolist()
-    homes = dict(zip(groups, contexts["partition"].tolist(), strict=True))
-    assignment = assignment_of(layers.frames["group_quality"])
-    layers.put_table("contexts", contexts)
-    layers.put_table("actions", action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None))
-    for name in LAYERS["model"].tables:
-        if name not in ("contexts", "actions"):
-            layers.put_table(name, with_homes(scan.rows[name], homes))
+    actions = action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None)
+    quality = [_stored_groups(work, part) for part in scan.parts]
+    tasks = [
+        ModelTask(part, work.store, groups, layers.files[table_path("records", part=part.number)], actions)
+        for part, groups in zip(scan.parts, quality, strict=True)
+        if num_rows(groups)
+    ]
+    written = work.run(model_part, tasks)
+    work.put_tables("model", [*(part.files for part in written), work.store.put_whole("actions", actions)])
     layers.put_document("model/features.json", features_document(descriptor))
-    arrays = pack_arrays(layers.frames, groups, descriptor.action_bank.keys)
+    groups = concat(quality)
+    assignment, frozen = assignment_of(groups), groups["group_id"][frozen_groups(groups)].tolist()
     try:
-        document = normalisation_document(arrays, assignment)
+        fitted_on = training(sorted(frozen), assignment)
+        numbers = np.repeat(np.arange(len(quality)), [num_rows(rows) for rows in quality])
+        chosen = (group for group in frozen if assignment[group] == TRAINING)
+        scalings = scalings_of_all(work, _by_part(chosen, groups, numbers), fitted_on.split_digest)
     except ValueError as error:
         raise DatasetError(f"{scan.dataset}: {error}; collect more groups") from error
-    layers.put_document("model/normalisation.json", document)
+    layers.put_document("model/normalisation.json", scalings_document(scalings, int(fitted_on.rows.sum())))
+
+
+def _stored_groups(work: StageWork, part: RawPart) -> Frame:
+    """Rows of `group_quality` of a part, as they were stored.
+
+    Raises:
+        UsageError: They are not those of the groups of this part: shards were renumbered since.
+    """
+    layers, wanted = work.layers, part.rows["group_quality"]["group_id"].tolist()
+    found = [
+        layers.files[path].rows("group_quality")
+        for path in [table_path("group_quality", part=part.number)]
+        if path in layers.files
+    ]
+    groups = concat(found) if found else from_arrow(table_schema("group_quality").empty_table(), "group_quality")
+    if {*groups["group_id"].tolist()} != {*wanted}:
+        raise UsageError(
+            f"{work.scan.dataset}: part {part.number} of the layers holds other groups than its shards; start with the "
+            "stage 'canonical'"
+        )
+    return groups

@@ -38,7 +38,7 @@ _VERSION = re.compile(
 
 MODULES = {
     "commonroad-vehicle-models": "vehiclemodels", "opencv-python-headless": "cv2", "pillow": "PIL",
-    "scikit-learn": "sklearn",
+    "rerun-sdk": "rerun",    "scikit-learn": "sklearn",
 }  # fmt: skip
 """Module of a distribution whose name tells nothing about it."""
 

@@ -27,7 +27,7 @@ from branchdrive.errors import PlatformError
 from branchdrive.runtime.environment import import_fault, leave_out_pandas
 from branchdrive.runtime.process import array_context, exit_after
 
-__all__ = ["BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "memory_limit"]
+__all__ = ["BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit"]
 
 _LOADED = (__name__, "pyarrow.parquet")
 """What workers need whatever they do with a dataset."""
@@ -246,21 +246,32 @@ def _in_pools(
             yield index, _alone(function, tasks[index], context)
 
 
+@dataclass(frozen=True)
+class _Isolated:
+    """An executor over processes of its own."""
+
+    jobs: int
+
+    def __call__(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], /
+    ) -> Iterator[tuple[int, Result | Died | Failed]]:
+        if tasks:
+            with array_context(*_loaded(function.__module__)) as context:
+                yield from _in_pools(function, tasks, self.jobs, context)
+
+
 def isolated(jobs: int) -> Executor:
     """Executor over `jobs` processes with the spec's memory limit.
 
     When a process dies, the tasks that were under way run again, each in a process of its own:
     the one that kills again is reported as `Died`, the others are not affected.
     """
+    return _Isolated(jobs)
 
-    def run(
-        function: Callable[[Task], Result], tasks: Sequence[Task], /
-    ) -> Iterator[tuple[int, Result | Died | Failed]]:
-        if tasks:
-            with array_context(*_loaded(function.__module__)) as context:
-                yield from _in_pools(function, tasks, jobs, context)
 
-    return run
+def jobs_of(executor: Executor) -> int:
+    """Processes that `isolated` was given; 1 of any other executor, which may not reach this machine's disk."""
+    return executor.jobs if isinstance(executor, _Isolated) else 1
 
 
 class BoundedProcess:

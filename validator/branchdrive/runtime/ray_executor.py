@@ -147,8 +147,8 @@ def _results(ray: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> 
             ray.cancel(reference, force=True)
 
 
-def _places(value: Any, depth: int = 3) -> Iterator[Path]:
-    """Folders and files that a task names."""
+def _places(value: Any, depth: int = 4) -> Iterator[Path]:
+    """Folders and files that a task names, by itself or in the places of its datasets."""
     if isinstance(value, Path):
         yield value
     elif is_dataclass(value) and depth:

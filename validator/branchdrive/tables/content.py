@@ -43,7 +43,7 @@ def block_digests(view: TableView, key: Sequence[NDArray[Any]], bounds: Index) -
 
     Args:
         view: The table.
-        key: Columns that rows are sorted by, the first first; each ``[rows]``.
+        key: Columns that rows are sorted by, the first first; each ``[rows]``. None where rows are in order.
         bounds: First row of each block in this order, and the number of rows ``[blocks + 1]``.
     """
     order = _order(view, key)
@@ -75,7 +75,7 @@ def _pieces(view: TableView, column: Column, bounds: Index) -> Iterator[tuple[ND
     """
     rows, ends = slice(bounds[0], bounds[-1]), bounds - bounds[0]
     if column.nullable:
-        yield view.valid(column.name)[rows], ends
+        yield np.ascontiguousarray(view.valid(column.name)[rows]), ends
     if column.type == "string":
         yield from _texts(view, column.name, bounds)
     elif column.type.startswith("list"):
@@ -148,7 +148,7 @@ def sortable(view: TableView, column: str) -> NDArray[Any]:
 
 def _order(view: TableView, key: Sequence[NDArray[Any]]) -> Index | None:
     """Order of rows by their key, ``None`` if they have it; rows with one key are in the order of their digests."""
-    if _ascends(key):
+    if not key or _ascends(key):
         return None
     order = np.lexsort([*key][::-1])
     same = np.logical_and.reduce([values[order][1:] == values[order][:-1] for values in key])

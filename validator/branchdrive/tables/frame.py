@@ -48,8 +48,8 @@ def num_rows(frame: Frame) -> int:
     return next((len(values) for values in frame.values()), 0)
 
 
-def take(frame: Frame, rows: NDArray[Any]) -> dict[str, Values]:
-    """Rows by index or mask, in that order."""
+def take(frame: Frame, rows: NDArray[Any] | slice) -> dict[str, Values]:
+    """Rows by index, mask or range, in that order."""
     return {name: values[rows] for name, values in frame.items()}
 
 

@@ -61,8 +61,9 @@ def metadata_mismatches(schema: pa.Schema, name: str) -> Iterator[Mismatch]:
         return
     for carrier in carriers:
         for column in declared_table(name).columns:
+            declared, stored = column.metadata, carrier.get(column.name, {})
             for key in CHECKED_METADATA:
-                wanted, found = column.metadata.get(key), carrier.get(column.name, {}).get(key)
+                wanted, found = declared.get(key), stored.get(key)
                 if wanted != found:
                     yield Mismatch({"column": column.name}, f"{key} {wanted!r}", f"{found!r}")
 

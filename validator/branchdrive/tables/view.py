@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import declared_table
-from branchdrive.tables.arrow import filled
+from branchdrive.tables.arrow import filled, present
 from branchdrive.tables.join import find_sorted
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ class TableView:
         self._valid: dict[str, Mask] = {}
         self._categories: dict[str, tuple[NDArray[np.int32], list[str]]] = {}
         self._extremes: dict[str, tuple[Any, Any]] = {}
+        self._cells: dict[str, Index] = {}
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -78,13 +79,14 @@ class TableView:
         """Rows whose value is not null, ``[rows]``."""
         if column not in self._valid:
             array = self._array(column)
-            full = array.null_count == 0
-            self._valid[column] = self._all if full else array.is_valid().to_numpy(zero_copy_only=False)
+            found = present(array) if array.null_count else self._all
+            # Columns often lack values together: one mask is enough for them.
+            self._valid[column] = next((m for m in self._valid.values() if np.array_equal(m, found)), found)
         return self._valid[column]
 
     @cached_property
     def _all(self) -> Mask:
-        return np.ones(len(self), bool)
+        return np.broadcast_to(np.True_, len(self))
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Values ``[rows]``; null numbers read 0, null flags false, null text ``""``."""
@@ -105,14 +107,19 @@ class TableView:
             for i, (stop, length) in enumerate(zip(np.cumsum(lengths), lengths, strict=True)):
                 cells[i] = items[stop - length : stop]
             return cells
-        return filled(array)
+        values = filled(array)
+        if array.null_count and values.dtype != bool:
+            self._keep(column, array, values)
+        return values
 
-    def pieces(self, columns: Sequence[str], num_rows: int) -> Iterator[tuple[int, list[NDArray[Any]]]]:
-        """Values of columns of numbers, at most `num_rows` rows at a time, each with its first row."""
-        start = 0
-        for batch in self._table.select(columns).to_batches(max_chunksize=num_rows):
-            yield start, [filled(array) for array in batch.columns]
-            start += batch.num_rows
+    def _keep(self, column: str, array: pa.Array, values: NDArray[Any]) -> None:
+        """Let the table have the filled values of a column, of which there need not be two."""
+        import pyarrow as pa
+
+        valid = pa.py_buffer(np.packbits(self.valid(column), bitorder="little"))
+        same = pa.Array.from_buffers(array.type, len(array), [valid, pa.py_buffer(values)], array.null_count)
+        place = self._table.schema.get_field_index(column)
+        self._table = self._table.set_column(place, self._table.schema.field(place), same)
 
     def is_text(self, column: str) -> bool:
         """Whether a column holds text."""
@@ -130,7 +137,7 @@ class TableView:
             else:
                 values = self[column][self.valid(column)] if self.num_nulls(column) else self[column]
             pieces = (values[start : start + _CACHED_ROWS] for start in range(0, len(values), _CACHED_ROWS))
-            bounds = [(piece.min(), piece.max()) for piece in pieces] or [(np.inf, -np.inf)]
+            bounds = [(np.minimum.reduce(p), np.maximum.reduce(p)) for p in pieces] or [(np.inf, -np.inf)]
             least, most = zip(*bounds, strict=True)
             self._extremes[column] = np.min(least), np.max(most)  # they keep a NaN, as their parts do
         return self._extremes[column]
@@ -140,6 +147,14 @@ class TableView:
         array = self._array(column)
         lengths = array.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
         return array.flatten().to_numpy(zero_copy_only=False), lengths
+
+    def cells(self, column: str) -> Index:
+        """Codes of the cells of a list column, equal where these hold the same bits ``[rows]``."""
+        if column not in self._cells:
+            known: dict[bytes, int] = {}
+            codes = [known.setdefault(cell.tobytes(), len(known)) for cell in self[column]]
+            self._cells[column] = np.array(codes, np.int64)
+        return self._cells[column]
 
     def categories(self, column: str) -> tuple[NDArray[np.int32], list[str]]:
         """Codes ``[rows]`` into the distinct categories of a text column; -1 where null."""
@@ -196,7 +211,6 @@ class StreamView(TableView):
     tables have a row at each, that of actors ten, so what is said of moments is kept once for each of them.
 
     Attributes:
-        moments: First row of each moment ``[moments]``.
         start: First row of each rollout ``[rollouts]``.
         stop: Row after the last of each rollout ``[rollouts]``.
     """
@@ -216,14 +230,25 @@ class StreamView(TableView):
         self._order = order
         is_new = np.ones(len(key), bool)
         np.not_equal(key[1:], key[:-1], out=is_new[1:])
-        self._ends: Index = np.append(np.flatnonzero(is_new), len(key))
-        self.moments = self._ends[:-1]
-        repeats = len(self.moments) < len(key)
-        self._rollout, self._key = (values[self.moments] if repeats else values for values in (rollout, key))
+        self._ends: Index | None = None  # of moments, where not every row is one
+        if not is_new.all():
+            self._ends = np.append(np.flatnonzero(is_new), len(key))
+            rollout, key = rollout[is_new], key[is_new]
+        self._rollout, self._key = rollout, key
         self._rows_of: dict[str, Index] = {}
         self.num_rollouts = num_rollouts
-        self.start: Index = self._ends[np.searchsorted(self._rollout, np.arange(num_rollouts), side="left")]
-        self.stop: Index = self._ends[np.searchsorted(self._rollout, np.arange(num_rollouts), side="right")]
+        every = np.arange(num_rollouts)
+        self.start = self._first_rows(np.searchsorted(rollout, every, side="left"))
+        self.stop = self._first_rows(np.searchsorted(rollout, every, side="right"))
+
+    def _first_rows(self, moments: Index) -> Index:
+        """First row of moments, of which one more is at the end."""
+        return moments if self._ends is None else self._ends[moments]
+
+    @property
+    def moments(self) -> Index:
+        """First row of each moment ``[moments]``."""
+        return np.arange(len(self)) if self._ends is None else self._ends[:-1]
 
     @property
     def rollout(self) -> Index:
@@ -242,12 +267,12 @@ class StreamView(TableView):
     @property
     def rows_at_moments(self) -> Index:
         """Number of rows of each moment ``[moments]``."""
-        return np.diff(self._ends)
+        return np.ones(len(self), np.int64) if self._ends is None else np.diff(self._ends)
 
     @property
     def num_unknown(self) -> int:
         """Number of rows whose rollout is unknown."""
-        return int(self._ends[np.searchsorted(self._rollout, 0)])
+        return int(self._first_rows(np.searchsorted(self._rollout, np.array([0])))[0])
 
     @property
     def is_as_stored(self) -> bool:
@@ -263,13 +288,13 @@ class StreamView(TableView):
         """Row of each (rollout, tick), the first if there are several, -1 if there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
         moment = np.where(np.asarray(rollout) >= 0, find_sorted(self._key, key), -1)
-        return moment if len(self.moments) == len(self) else np.append(self.moments, -1)[moment]
+        return moment if self._ends is None else np.append(self.moments, -1)[moment]
 
     def span(self, rollout: Index, tick: Index) -> tuple[Index, Index]:
         """First row of each (rollout, tick), and the row after its last; equal where there is none."""
         key = np.asarray(rollout, np.int64) * _TICK_SPAN + tick
         first, last = (np.searchsorted(self._key, key, side=side) for side in ("left", "right"))
-        return self._ends[first], self._ends[last]
+        return self._first_rows(first), self._first_rows(last)
 
     def rows_of(self, other: StreamView) -> Index:
         """Row here for each row of `other`, as `find` has it; streams share most of their moments."""
@@ -280,15 +305,31 @@ class StreamView(TableView):
     def rows_of_moments(self, other: StreamView) -> Index:
         """Row here for each moment of `other`, as `find` has it ``[moments of other]``."""
         if np.array_equal(other._key, self._key):
+            other._key, other._rollout = self._key, self._rollout  # of which one copy is enough
             return np.where(self._rollout >= 0, self.moments, -1)
         return self.find(other._rollout, other["tick"][other.moments])
 
     @cached_property
     def repeats(self) -> Mask:
         """Rows that repeat the previous row's rollout and tick."""
+        if self._ends is None:
+            return np.broadcast_to(np.False_, len(self))
         found = np.ones(len(self), bool)
         found[self.moments] = False
         return found
+
+    @cached_property
+    def ascends(self) -> bool:
+        """Whether every row surely has a greater key than the one before; not told where a key takes text."""
+        if self._ends is None:
+            return True
+        further = declared_table(self.name).key[2:]
+        if not further or self.is_text(further[0]):
+            return False
+        part = self[further[0]]
+        descends = part[1:] <= part[:-1]
+        descends[self.moments[1:] - 1] = False
+        return not descends.any()
 
     def repeats_with(self, part: NDArray[Any]) -> Mask:
         """Rows that repeat another row's rollout, tick and `part`, a further part of the table's key ``[rows]``."""
@@ -312,16 +353,16 @@ class StreamView(TableView):
         """Rollouts that have a row ``[rollouts]``."""
         return np.asarray(self.stop > self.start)
 
+    def with_rows(self, rows: Index) -> Mask:
+        """Rollouts that have one of some rows, which come in the order of rollouts ``[rollouts]``."""
+        return np.asarray(np.searchsorted(rows, self.stop) > np.searchsorted(rows, self.start))
+
     def by_rollout(self, marked: Mask) -> RowSummary:
         """Summary of marked rows by rollout."""
-        if not marked.any():
+        rows = np.flatnonzero(marked)
+        if not len(rows):
             none = np.zeros(self.num_rollouts, np.int64)
             return RowSummary(none > 0, none - 1, none)
-        rows = np.flatnonzero(marked)
-        owner = self.rollout
-        rows = rows[owner[rows] >= 0]
-        owner = owner[rows]
-        first = np.full(self.num_rollouts, -1)
-        first[owner[::-1]] = rows[::-1]
-        count = np.bincount(owner, minlength=self.num_rollouts)
-        return RowSummary(count > 0, first, count)
+        first = np.searchsorted(rows, self.start)
+        count = np.searchsorted(rows, self.stop) - first
+        return RowSummary(count > 0, np.where(count > 0, rows.take(first, mode="clip"), -1), count)

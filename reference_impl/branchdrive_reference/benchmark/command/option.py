@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.place import folder
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.runtime.environment import extra
@@ -28,7 +29,7 @@ _DEVICES = ("cpu", "cuda", "auto")
 
 def add_release(parser: argparse.ArgumentParser) -> None:
     """The release, in place or detached."""
-    parser.add_argument("release", metavar="RELEASE", type=Path, help="release with its model layer")
+    parser.add_argument("release", metavar="RELEASE", type=folder, help="release with its model layer")
 
 
 def add_protocol(parser: argparse.ArgumentParser) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import pickle
 import tempfile
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,9 +31,10 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import CARD_FILE, FILTERING_FILE, LEAKAGE_FILE, LICENCE_FILE
 from branchdrive.contract.layout import LEDGER_FILE as LEDGER
 from branchdrive.contract.layout import SOURCE_FILE as SOURCE
+from branchdrive.engine.spool import Spool
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import Unavailable
-from branchdrive.model.near_duplicate import near_duplicate_flags
+from branchdrive.model.near_duplicate import duplicate_flags
 from branchdrive.quality.fidelity import (
     retention_document,
     threshold_document,
@@ -45,10 +47,11 @@ from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.quality.population import population_document
 from branchdrive.quality.variants import declared_of, variants_document
-from branchdrive.release.built_layers import BuiltLayers
+from branchdrive.release.built_layers import BuiltLayers, TableStore
 from branchdrive.release.leakage import build_leakage
-from branchdrive.release.scan import RawScan, scan_raw
+from branchdrive.release.scan import RawPart, RawScan, scan_raw
 from branchdrive.release.stage import BuildOptions, build_canonical, build_model, build_quality
+from branchdrive.release.stage_work import StageWork
 from branchdrive.runtime.executor import in_process
 from branchdrive.tables.arrow import from_arrow, to_arrow
 from branchdrive.tables.frame import Frame, sort_rows
@@ -72,7 +75,8 @@ class Built:
     """The raw layer and the layers that follow from it."""
 
     scan: RawScan
-    layers: BuiltLayers
+    rows: dict[str, Frame]
+    documents: dict[str, Any]
     tables: dict[str, synthetic.Tables] = field(default_factory=dict)
 
 
@@ -87,25 +91,32 @@ def built() -> Built:
 def _made() -> Built:
     with tempfile.TemporaryDirectory() as folder:
         raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()).write(Path(folder) / "raw")
-        scan = scan_raw(Folder(raw), in_process)
-        layers = _built_layers(scan, BuildOptions(seed=SEED))
-        nobody = Unavailable("the tests train no network")
-        build_leakage(scan, layers, Path(folder), seed=SEED, classifier=nobody)
-        build_model(scan, layers)
-    return Built(scan, layers, _arrow(layers))
+        with _work_on(scan_raw(Folder(raw), Spool(Path(folder)), in_process)) as work:
+            _build(work, BuildOptions(seed=SEED))
+            nobody = Unavailable("the tests train no network")
+            build_leakage(work, Path(folder), seed=SEED, classifier=nobody)
+            build_model(work)
+            return Built(work.scan, dict(work.scan.rows), work.layers.documents, _arrow(work.layers))
 
 
-def _built_layers(scan: RawScan, options: BuildOptions) -> BuiltLayers:
+@contextmanager
+def _work_on(scan: RawScan) -> Iterator[StageWork]:
+    """Stages of a build of no layer yet, whose tables are gone when the block is left."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield StageWork(
+            scan, BuiltLayers(), TableStore(Folder(Path(folder)), scan.descriptor.action_bank.keys), in_process
+        )
+
+
+def _build(work: StageWork, options: BuildOptions) -> None:
     """Canonical and quality layer, but for figures beside the thresholds; see `ReleaseDraft.add_filtering`."""
-    layers = BuiltLayers(scan.descriptor.action_bank.keys, scan.parts)
-    build_canonical(scan, layers)
-    build_quality(scan, layers, options, None)
-    layers.drop(FILTERING_FILE)
-    return layers
+    build_canonical(work)
+    build_quality(work, options, None)
+    work.layers.drop(FILTERING_FILE)
 
 
 def _arrow(layers: BuiltLayers) -> dict[str, synthetic.Tables]:
-    return {name: {table: to_arrow(table, layers.frames[table]) for table in LAYERS[name].tables} for name in BUILT}
+    return {name: {table: to_arrow(table, layers.rows(table)) for table in LAYERS[name].tables} for name in BUILT}
 
 
 class ReleaseDraft(Draft):
@@ -118,7 +129,7 @@ class ReleaseDraft(Draft):
         source = synthetic_release.raw_tables() if "raw" in layers else {}
         super().__init__({**source, **built().tables}, {**synthetic_release.raw_descriptor(), "layers": layers})
         self.raw = raw
-        self.documents = pickle.loads(pickle.dumps(built().layers.documents))
+        self.documents = pickle.loads(pickle.dumps(built().documents))
         self.reseal("card")
 
     def frame(self, table: str) -> Frame:
@@ -159,17 +170,18 @@ class ReleaseDraft(Draft):
     def rebuild(self, options: BuildOptions | None = None) -> None:
         """Build all derived layers again from the raw tables as they are now, but for the audit of leakage."""
         raw = Draft({folder: self.tables[folder] for folder in RELEASE_SHARDS}, synthetic_release.raw_descriptor())
-        with tempfile.TemporaryDirectory() as folder:
-            scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), in_process)
-        layers = _built_layers(scan, options or BuildOptions(seed=SEED))
-        build_model(scan, layers)
-        self.tables.update(_arrow(layers))
-        self.documents = layers.documents
+        with tempfile.TemporaryDirectory() as folder, Spool.temporary() as spool:
+            scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), spool, in_process)
+            with _work_on(scan) as work:
+                _build(work, options or BuildOptions(seed=SEED))
+                build_model(work)
+                self.tables.update(_arrow(work.layers))
+                self.documents = work.layers.documents
         self.reseal("card")
 
     def add_filtering(self) -> dict[str, Any]:
         """Add the figures beside the thresholds, of the raw tables as they were built; the card follows later."""
-        rows, thresholds = built().scan.rows["replay_frames"], self.documents[THRESHOLDS]
+        rows, thresholds = built().rows["replay_frames"], self.documents[THRESHOLDS]
         found = filtering_document(self.frame("pairs"), self.frame("group_quality"), rows, thresholds)
         self.documents[FILTERING_FILE] = found
         return found
@@ -214,8 +226,8 @@ def _validity(d: ReleaseDraft) -> None:
 
 
 def _near_duplicates(d: ReleaseDraft) -> None:
-    groups, raw = d.frame("group_quality"), built().scan.rows
-    flags = near_duplicate_flags(groups, raw["state"], raw["past_controls"], assignment_of(groups))
+    groups, raw = d.frame("group_quality"), built().rows
+    flags = duplicate_flags(groups, raw["state"], raw["past_controls"], assignment_of(groups)).flagged
     d.put("group_quality", {**groups, "near_duplicate": flags})
 
 
@@ -243,18 +255,25 @@ def _ledger(d: ReleaseDraft) -> None:
 
 def _leakage(d: ReleaseDraft) -> None:
     """An audit of other groups or partitions would have to be made again, so the release goes without one."""
-    now, before = d.frame("group_quality"), built().layers.frames["group_quality"]
+    now, before = d.frame("group_quality"), from_arrow(built().tables["quality"]["group_quality"], "group_quality")
     if any(now[name].tolist() != before[name].tolist() for name in ("group_id", "partition", "core_valid")):
         d.documents.pop(LEAKAGE, None)
 
 
 def _model(d: ReleaseDraft) -> None:
-    layers = BuiltLayers(built().layers.keys)
-    layers.frames = {name: dict(d.frame(name)) for name in ("group_quality", "records")}
-    build_model(built().scan, layers)
-    for name in LAYERS["model"].tables:
-        d.put(name, layers.frames[name])
-    d.documents.update(layers.documents)
+    """Of the groups and records as they are now, and of the rest of the raw rows as they were."""
+    with Spool.temporary() as spool:
+        rows = {**built().rows, "group_quality": d.frame("group_quality")}
+        for name, frame in rows.items():
+            spool.put(f"every.{name}", frame)
+        part = RawPart(0, spool, ("every",), tuple(rows))
+        with _work_on(replace(built().scan, spool=spool, parts=(part,))) as work:
+            for name in ("group_quality", "records"):
+                work.layers.put_tables([name], work.store.put(name, d.frame(name), 0))
+            build_model(work)
+            for name in LAYERS["model"].tables:
+                d.put(name, work.layers.rows(name))
+            d.documents.update(work.layers.documents)
     d.documents["model/normalisation.json"]["split_digest"] = d.documents[SPLIT]["digest"]
 
 

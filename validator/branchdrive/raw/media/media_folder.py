@@ -17,7 +17,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.raw.media.image_eye import CHECKSUM_DIGITS
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class MediaFolder:
         cameras: Cameras of the descriptor by name.
     """
 
-    dataset: Folder
+    dataset: Store
     folder: str
     cameras: Mapping[str, Camera]
 
@@ -88,12 +88,12 @@ class MediaFolder:
     def _path(self, place: ImagePlace) -> str:
         if not isinstance(place.file, str) or not re.fullmatch(PATTERNS["file"].rstrip("$"), place.file):
             raise DatasetError(
-                f"{self.dataset.root / self.folder}: {quote(place.file)} is no plain file name; {_ADVICE}"
+                f"{self.dataset.place(self.folder)}: {quote(place.file)} is no plain file name; {_ADVICE}"
             )
         return f"{self.folder}/{place.file}" if self.folder else place.file
 
     def _image(self, stream: BinaryIO, place: ImagePlace) -> bytes:
-        where = f"{self.dataset.root / self._path(place)}, {place.size_bytes} bytes from {place.offset_bytes}"
+        where = f"{self.dataset.place(self._path(place))}, {place.size_bytes} bytes from {place.offset_bytes}"
         max_bytes = spec_limits().max_image_bytes
         if None in place or place.offset_bytes < 0 or not 0 < place.size_bytes <= max_bytes:
             raise DatasetError(f"{where}: an image has 1 .. {max_bytes} bytes; {_ADVICE}")

@@ -19,7 +19,7 @@ from branchdrive.contract.media import MediaMode
 from branchdrive.contract.mismatch import MAX_KEPT, Mismatch, Mismatches
 from branchdrive.errors import DatasetError
 from branchdrive.formats.file_part import FilePart
-from branchdrive.formats.folder import Folder, size_of
+from branchdrive.formats.store import Store, size_of
 from branchdrive.raw.media.archive_walk import ARCHIVE_SUFFIX, ArchiveWalk
 from branchdrive.raw.media.image_claims import ImageClaims
 from branchdrive.raw.media.image_eye import ImageEye, Look
@@ -84,7 +84,7 @@ class MediaReading:
 
 
 def read_media(
-    dataset: Folder,
+    dataset: Store,
     folder: str,
     files: Collection[str],
     frames: pa.Table | None,

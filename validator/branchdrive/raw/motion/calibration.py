@@ -209,15 +209,9 @@ class _Steps(NamedTuple):
         return self.terms(counts, recorded * known, known**2)
 
 
-@np.errstate(all="ignore")  # what overflows is no number, and says nothing
-def _terms(view: ShardView) -> dict[str, _Terms]:
-    """Terms of every quantity, by name."""
-    return _of_ego(view) | (_of_actors(view) if "actors" in view else {})
-
-
 def calibration(view: ShardView) -> dict[str, Array]:
     """Values of every quantity in every attempt ``[rollouts]``, NaN where it says nothing of it; six decimals."""
-    return {name: _values(view, name, terms) for name, terms in view.cached(_terms).items()}
+    return view.cached(_calibrations)[0]
 
 
 def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
@@ -225,24 +219,49 @@ def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
 
     Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there.
     """
-    observations, found, free = view.observations, dict(view.cached(calibration)), view.cached(is_free)
-    touched, terms = observations.by_rollout(~free).any, view.cached(_terms)
+    return view.cached(_calibrations)[1]
+
+
+@np.errstate(all="ignore")  # what overflows is no number, and says nothing
+def _calibrations(view: ShardView) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Both at once, and first those of the ego, so that terms, which are large, need not be kept."""
+    every, between = _of_terms(view, _of_ego(view))
+    if "actors" in view:
+        of_actors = _of_terms(view, _of_actors(view))
+        every, between = every | of_actors[0], between | of_actors[1]
+    return every, between
+
+
+def _of_terms(view: ShardView, terms: dict[str, _Terms]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Values of quantities in every attempt, and between contacts, from their terms."""
+    every = {name: _values(view, name, terms[name]) for name in terms}
+    observations, found, free = view.observations, every, view.cached(is_free)
+    touched = observations.by_rollout(~free).any
     if touched.any():
-        counts = free & np.append(touched, False)[observations.rollout]
-        found = {name: np.where(touched, _values(view, name, terms[name], counts), found[name]) for name in found}
+        between = _steps_between(free & np.append(touched, False)[observations.rollout])
+        found = {name: np.where(touched, _values(view, name, terms[name], between), found[name]) for name in found}
     is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
-    counts = free & is_after & np.append(view.branched, False)[observations.rollout]
+    between = _steps_between(free & is_after & np.append(view.branched, False)[observations.rollout])
     nothing = np.full(view.num_rollouts, np.nan)
-    after = {name: _values(view, name, terms[name], counts) for name in ("yaw_rate", "lateral")}
-    return {name: np.stack([values, after.get(name, nothing)]) for name, values in found.items()}
+    after: dict[str, Array] = {
+        name: _values(view, name, terms[name], between) for name in ("yaw_rate", "lateral") if name in terms
+    }
+    return every, {name: np.stack([values, after.get(name, nothing)]) for name, values in found.items()}
 
 
-@np.errstate(all="ignore")
+def _steps_between(counts: Mask) -> Mask:
+    """Observations that count, as the ones before them do ``[observations]``."""
+    return np.append(False, counts[1:] & counts[:-1])[: len(counts)]
+
+
 def _values(view: ShardView, name: str, terms: _Terms, counts: Mask | None = None) -> Array:
-    """Value of a quantity in every attempt, over the steps between observations that count ``[rollouts]``."""
+    """Value of a quantity in every attempt, over the steps that count, by the observation they lead to ``[rollouts]``.
+
+    All count where nothing is said.
+    """
     row, above, below = terms
     if counts is not None:
-        kept = counts[row] & counts[row - 1]
+        kept = np.flatnonzero(counts[row])
         row, above, below = row[kept], above[kept], below[kept]
     owner, num_attempts = view.observations.rollout[row], view.num_rollouts
     steps = np.bincount(owner, minlength=num_attempts)
@@ -323,14 +342,14 @@ def _commands(view: ShardView, row: Index) -> Array:
         controls.find(observations.rollout[row], observations.tick[row] - ticks)
         for ticks in (OBSERVATION_STRIDE_TICKS, 1)
     )
-    is_whole = (first >= 0) & (last - first == OBSERVATION_STRIDE_TICKS - 1)
-    rows = first[is_whole][:, None] + np.arange(OBSERVATION_STRIDE_TICKS)
-    is_free = ~controls["active"][rows].any(axis=1)
-    means = [
-        controls[f"applied_{name}"][rows].mean(axis=1, dtype=np.float64) for name in ("steer", "throttle", "brake")
-    ]
+    num_active = np.append(0, np.cumsum(controls["active"]))
+    is_free = num_active[last + 1] == num_active[first]
+    known = np.flatnonzero((first >= 0) & (last - first == OBSERVATION_STRIDE_TICKS - 1) & is_free)
     found = np.full((3, len(row)), np.nan)
-    found[:, is_whole] = np.where(is_free, means, np.nan)
+    for mean, name in zip(found, ("steer", "throttle", "brake"), strict=True):
+        applied = controls[f"applied_{name}"]
+        total = sum(applied[first[known] + tick].astype(np.float64) for tick in range(OBSERVATION_STRIDE_TICKS))
+        mean[known] = total / OBSERVATION_STRIDE_TICKS
     return found
 
 
@@ -342,7 +361,8 @@ def _of_actors(view: ShardView) -> dict[str, _Terms]:
     moves = np.flatnonzero(way >= MIN_WALK_MPS)
     place = np.full(len(row), -1)
     place[moves] = np.arange(len(moves))
-    steps = _Steps(view.observations.rows_of(stream)[every.row], place[every.place])
+    moving = np.flatnonzero((place >= 0)[every.place])
+    steps = _Steps(view.observations.rows_of(stream)[every.row[moving]], place[every.place[moving]])
     row, before, way = row[moves], before[moves], way[moves]
     vel_x, vel_y = (
         np.add(stream[name][row], stream[name][before], dtype=np.float64) / 2 for name in ("vel_x_mps", "vel_y_mps")

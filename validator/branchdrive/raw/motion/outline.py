@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
+from branchdrive.files.group_marks import Outlines
+from branchdrive.files.identities import Identities
 from branchdrive.raw.motion.response import Executed
 from branchdrive.raw.shard_view import ShardView
 
@@ -24,15 +26,15 @@ _AT_BRANCH = _AT[OUTLINE_OFFSETS.index(0)]
 
 
 @np.errstate(all="ignore")  # recorded values may be anything; other rules judge them
-def outlines(view: ShardView, executed: Executed) -> dict[str, Array]:
-    """Outline of each group with an intervention and with an actor at its branch, by its identity.
+def outlines(view: ShardView, executed: Executed) -> Outlines:
+    """Outline of each group with an intervention and with an actor at its branch.
 
     Places are seen from the nominal at the branch, metres ahead and to the left: of the nominal at `OUTLINE_OFFSETS`,
     with its speeds, ``[18]``; of each policy at the end, NaN where it was not executed, ``[2 policies]``; and the
     number of actors at the branch with the mean of their places ``[3]``.
     """
     if "actors" not in view:
-        return {}
+        return Outlines.none()
     actors, num_policies = view.stream("actors"), len(view.descriptor.action_bank.policies)
     groups, first, member = np.unique(executed.group, return_index=True, return_inverse=True)
     reference = executed.reference[:, first]
@@ -57,4 +59,5 @@ def outlines(view: ShardView, executed: Executed) -> dict[str, Array]:
     found = np.concatenate(
         [*own, ends.reshape(len(groups), ends.size // max(1, len(groups))), np.stack([count, *means], axis=1)], axis=1
     )
-    return {view.group_ids[groups[i]]: found[i] for i in np.flatnonzero(count > 0).tolist()}
+    has_actor = count > 0
+    return Outlines(Identities(view.group_ids), groups[has_actor].astype(np.int32), found[has_actor])

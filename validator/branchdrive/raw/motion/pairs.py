@@ -15,15 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.limits import spec_limits
 from branchdrive.driving.box import Boxes, pair_bounds
 from branchdrive.driving.risk import RANGE_M, PairRisk, corridor_excess_m, pair_risk
 from branchdrive.raw.copies import Copies
+from branchdrive.raw.motion.route_state import routes
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["deciding_pairs", "pairs_of_frame", "pairs_of_rows"]
@@ -32,11 +32,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+V = TypeVar("V", bound=np.generic)
+
 _NEAR_M = RANGE_M + 1.0
 """Gap beyond which no pair is looked at."""
 
 _ROWS_AT_ONCE = 1 << 14
-"""Rows whose bounds are computed at once: intermediate arrays of 128 KiB stay in the cache."""
+"""Rows whose bounds are computed at once: intermediate arrays of 64 KiB stay in the cache."""
 
 _VEHICLE, _PEDESTRIAN, _STATIC, _OTHER = range(4)
 _KIND = {"vehicle": _VEHICLE, "cycle": _VEHICLE, "pedestrian": _PEDESTRIAN, "static": _STATIC}
@@ -66,15 +68,15 @@ def _kinds(view: ShardView) -> NDArray[np.int8]:
     return np.array([_KIND.get(actor_class, _OTHER) for actor_class in classes] + [_OTHER], np.int8)[codes]
 
 
-def _limits(view: ShardView, name: str, column: str) -> Array:
+def _limits(view: ShardView, name: str, column: str) -> NDArray[np.float32]:
     """Value beyond which no pair of an observation decides `column`, ``-inf`` where there is no evidence."""
     evidence, e = view.stream("evidence"), view.descriptor.tolerances.evidence
     limit = (evidence[column].astype(np.float64) + e) / (1 - e)
-    limit += 1e-9 * (1 + np.abs(limit))  # far above rounding
-    limit[~evidence[f"{name}_available"].astype(bool)] = np.finfo(np.float64).max  # what cannot close is beyond it
+    limit += 1e-6 * (1 + np.abs(limit))  # far above rounding
+    limit[~evidence[f"{name}_available"].astype(bool)] = np.finfo(np.float32).max  # what cannot close is beyond it
     frame = view.observations.rows_of(evidence)
-    limits = np.full(len(view.observations), -np.inf)
-    np.maximum.at(limits, frame[frame >= 0], limit[frame >= 0])
+    limits = np.full(len(view.observations), -np.inf, np.float32)
+    np.maximum.at(limits, frame[frame >= 0], limit[frame >= 0].astype(np.float32))
     return limits
 
 
@@ -100,49 +102,39 @@ def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
 
 def _actors_within_limits(view: ShardView) -> _Actors:
     """Actors whose bounds do not rule them out, at observations that are no copies."""
-    egos, stream = view.cached(_egos), view.stream("actors")
-    frame, kinds = view.observations.rows_of(stream), view.cached(_kinds)
+    egos, stream = _egos(view), view.stream("actors")
+    frame, kinds = view.observations.rows_of(stream), _kinds(view)
     yaw = egos.boxes.yaw_rad
     ego_vel_x, ego_vel_y = egos.speed_mps * np.cos(yaw), egos.speed_mps * np.sin(yaw)
-    ego_reach = np.hypot(egos.boxes.length_m, egos.boxes.width_m) / 2
+    ego_reach = (np.hypot(egos.boxes.length_m, egos.boxes.width_m) / 2).astype(np.float32)
     separation = _limits(view, "separation", "separation_m")
     gap_limits = np.stack([separation] * 4)
     np.maximum(separation, _limits(view, "nearest_vehicle", "nearest_vehicle_gap_m"), out=gap_limits[_VEHICLE])
     np.maximum(separation, _limits(view, "nearest_pedestrian", "nearest_pedestrian_gap_m"), out=gap_limits[_PEDESTRIAN])
     ttc_limits = _limits(view, "ttc", "ttc_s")
     is_judged = np.append(view.cached(Copies).at_moments("observations").judged(len(view.observations)), False)
-    pieces = []
-    for start, columns in stream.pieces(_ACTOR_COLUMNS, _ROWS_AT_ONCE) if len(view.observations) else ():
-        judged = np.flatnonzero(is_judged[frame[start : start + len(columns[0])]])
-        if len(judged) < len(columns[0]):
-            columns = [values[judged] for values in columns]
-        x, y, _, length, width, vel_x, vel_y = columns
-        here = start + judged
-        at = frame[here]
-        half_length, half_width = length.astype(np.float64) / 2, width.astype(np.float64) / 2
+    judged, kept = np.flatnonzero(is_judged[frame]), [np.zeros(0, np.int64)]
+    for start in range(0, len(judged), _ROWS_AT_ONCE):
+        rows = judged[start : start + _ROWS_AT_ONCE]
+        at = _take(frame, rows)
+        half_length, half_width = (_take(stream[name], rows) / 2 for name in ("length_m", "width_m"))
         bounds = pair_bounds(
-            x - egos.boxes.x_m[at],
-            y - egos.boxes.y_m[at],
-            ego_reach[at] + np.sqrt(half_length * half_length + half_width * half_width),
-            vel_x - ego_vel_x[at],
-            vel_y - ego_vel_y[at],
+            _take(stream["x_m"], rows) - _take(egos.boxes.x_m, at),
+            _take(stream["y_m"], rows) - _take(egos.boxes.y_m, at),
+            _take(ego_reach, at) + np.sqrt(half_length * half_length + half_width * half_width),
+            _take(stream["vel_x_mps"], rows) - _take(ego_vel_x, at),
+            _take(stream["vel_y_mps"], rows) - _take(ego_vel_y, at),
         )
-        gap_limit = gap_limits.take(kinds[here] * np.int64(len(yaw)) + at, mode="clip")  # faster than [kind, frame]
-        matters = ~(bounds.gap_m > gap_limit) | ~(bounds.ttc_s > ttc_limits[at])
-        kept = np.flatnonzero(matters & (bounds.gap_m <= _NEAR_M))
-        pieces.append([here[kept], *(values[kept] for values in columns)])  # the rest is not held
-    if not pieces:
-        return _actors(np.zeros(0, np.int64), [np.zeros(0)] * len(_ACTOR_COLUMNS))
-    rows, *columns = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return _actors(rows, columns)
+        gap_limit = _take(gap_limits.ravel(), _take(kinds, rows) * np.int64(len(yaw)) + at)
+        matters = ~(bounds.gap_m > gap_limit) | ~(bounds.ttc_s > _take(ttc_limits, at))
+        kept.append(rows[matters & (bounds.gap_m <= _NEAR_M)])
+    rows = np.concatenate(kept)
+    return _actors(rows, [stream[name][rows] for name in _ACTOR_COLUMNS])
 
 
-def _routes(view: ShardView) -> tuple[list[tuple[Array, Array, float]], Index]:
-    """Distinct routes with their ego widths, and which of them each attempt has."""
-    index: dict[tuple[bytes, bytes, float], int] = {}
-    columns = (view.rollouts[name] for name in ("route_x_m", "route_y_m", "ego_width_m"))
-    own = [index.setdefault((x.tobytes(), y.tobytes(), float(w)), len(index)) for x, y, w in zip(*columns, strict=True)]
-    return [(np.frombuffer(x), np.frombuffer(y), width) for x, y, width in index], np.array(own, np.int64)
+def _take(values: NDArray[V], places: Index) -> NDArray[V]:
+    """Values at places that there are, without a look at whether there are: faster than by index."""
+    return values.take(places, mode="clip")
 
 
 def _corridor_m(view: ShardView, objects: _Actors) -> Array:
@@ -150,19 +142,20 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
 
     Static objects keep their place, so sorting by route and actor brings equal boxes together.
     """
-    stream = view.stream("actors")
-    routes, route_of = _routes(view)
-    route = route_of[stream.rollout[objects.row]]
-    order = np.lexsort((stream["actor_id"][objects.row], route))
-    objects, route = objects.take(order), route[order]
+    lines, stream = view.cached(routes), view.stream("actors")
+    attempt = view.observations.rollout[view.observations.rows_of(stream)[objects.row]]
+    route, width_m = lines.of_rollout[attempt], view.rollouts["ego_width_m"][attempt].astype(np.float64)
+    order = np.lexsort((stream["actor_id"][objects.row], width_m, route))
+    objects, route, width_m = objects.take(order), route[order], width_m[order]
     is_new = np.ones(len(order), bool)
-    is_new[1:] = np.logical_or.reduce([values[1:] != values[:-1] for values in (route, *objects.boxes)])
+    is_new[1:] = np.logical_or.reduce([values[1:] != values[:-1] for values in (route, width_m, *objects.boxes)])
     first = np.flatnonzero(is_new)
     excess = np.full(len(first), -np.inf)
-    for index, (x, y, width) in enumerate(routes):
+    for index in np.unique(route[first]):
         here = np.flatnonzero(route[first] == index)
-        if len(here) and len(x) == len(y) <= spec_limits().max_route_vertices:  # else BD-VAL-005 excludes the attempt
-            excess[here] = corridor_excess_m(objects.boxes.take(first[here]), x, y, width)
+        if index >= 0:  # else BD-VAL-005 excludes the attempt
+            of_route, (x, y) = first[here], lines.polylines[index]
+            excess[here] = corridor_excess_m(objects.boxes.take(of_route), x, y, width_m[of_route])
     found = np.empty(len(order))
     found[order] = excess[np.cumsum(is_new) - 1]
     return found
@@ -170,11 +163,11 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
 
 def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
     """The pairs that actors form; `PairRisk.frame` indexes the view's observations."""
-    egos, stream = view.cached(_egos), view.stream("actors")
-    static = np.flatnonzero(view.cached(_kinds)[actors.row] == _STATIC)
+    egos, stream = _egos(view), view.stream("actors")
+    kind = _kinds(view)[actors.row]
+    static = np.flatnonzero(kind == _STATIC)
     corridor_m = np.full(len(actors.row), -np.inf)
     corridor_m[static] = _corridor_m(view, actors.take(static))
-    kind = view.cached(_kinds)[actors.row]
     return pair_risk(
         egos.boxes,
         egos.speed_mps,

@@ -35,9 +35,8 @@ def broken_relations(view: ShardView, subjects: Mask) -> dict[str, tuple[int, in
         found[rule_id] = int(broken.sum()), int(compared.sum())
     if "actors" in view:
         steps = view.cached(actor_displacements)
-        owner = view.observations.rollout[view.observations.rows_of(view.stream("actors"))[steps.row]]
-        rows = (owner[steps.residual_m > steps.most_m], owner)
-        broken, compared = (np.bincount(each, minlength=view.num_rollouts).astype(bool) & subjects for each in rows)
+        rows = (steps.row[steps.residual_m > steps.most_m], steps.row)
+        broken, compared = (view.stream("actors").with_rows(each) & subjects for each in rows)
         found["BD-ACT-004"] = int(broken.sum()), int(compared.sum())
     return found
 

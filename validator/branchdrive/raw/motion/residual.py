@@ -116,7 +116,7 @@ def lateral(view: ShardView) -> Relation:
 
 
 def _within(view: ShardView, column: str, residual: Array, most: float) -> Relation:
-    return Relation(column, residual, np.full(len(view.observations), most))
+    return Relation(column, residual, np.broadcast_to(most, len(view.observations)))
 
 
 RELATIONS: Mapping[str, tuple[Callable[[ShardView], Relation], ...]] = MappingProxyType(

@@ -15,6 +15,8 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.response import Responses, first_response, lateral_effect_m
+from branchdrive.files.group_marks import Tracks
+from branchdrive.files.identities import Identities
 from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import take_float, window_rows
@@ -161,20 +163,21 @@ def _values(
     return np.full((len(columns), *rows.shape), np.nan) if values is None else np.where(rows >= 0, values, np.nan)
 
 
-def tracks(view: ShardView) -> dict[str, frozenset[int]]:
-    """What the ego did in the attempts of each group: 64 bits of the SHA-256 of its ticks, poses and speeds.
+def tracks(view: ShardView) -> Tracks:
+    """What the ego did in the attempts of each group.
 
     Attempts that are too short for a history are left out: standing at the start is no copy.
     """
     stream = view.observations
     columns = [stream.tick.astype(np.float64), *(stream[name].astype(np.float64) for name in _STATE)]
     track = np.ascontiguousarray(np.stack(columns, axis=1))
-    found: dict[str, set[int]] = {group_id: set() for group_id in view.group_ids}
+    found: set[tuple[int, int]] = set()
     for i, (start, stop) in enumerate(zip(stream.start.tolist(), stream.stop.tolist(), strict=True)):
         if stop - start > len(HISTORY_OFFSETS):
             digest = hashlib.sha256(track[start:stop].data).digest()[:8]
-            found[view.group_ids[view.group[i]]].add(int.from_bytes(digest, "little"))
-    return {group_id: frozenset(digests) for group_id, digests in found.items()}
+            found.add((int(view.group[i]), int.from_bytes(digest, "little")))
+    groups, digests = zip(*sorted(found), strict=True) if found else ((), ())
+    return Tracks(Identities(view.group_ids), np.array(groups, np.int32), np.array(digests, np.uint64))
 
 
 def observed_extremes(view: ShardView) -> dict[str, tuple[float, float]]:

@@ -18,7 +18,8 @@ from branchdrive.driving.route import Polylines
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = [
-    "Routes", "contradicts_route", "has_judged_rows", "last_progress_m", "misplaces_target_points", "routes",
+    "Routes", "contradicts_route", "distinct_routes", "has_judged_rows", "last_progress_m", "misplaces_target_points",
+    "routes",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -48,14 +49,17 @@ class Routes(NamedTuple):
     of_rollout: Index
 
 
+def distinct_routes(view: ShardView) -> tuple[Index, Index]:
+    """Attempts with distinct polylines ``[routes]``, and the one of these that each has ``[rollouts]``."""
+    pairs = np.stack([view.rollouts.cells("route_x_m"), view.rollouts.cells("route_y_m")], axis=1)
+    _, first, which = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    return first, which.ravel()
+
+
 def routes(view: ShardView) -> Routes:
     """The routes of a shard; attempts of a group share theirs."""
-    index: dict[tuple[bytes, bytes], int] = {}
-    columns = (view.rollouts["route_x_m"], view.rollouts["route_y_m"])
-    own = np.array(
-        [index.setdefault((x.tobytes(), y.tobytes()), len(index)) for x, y in zip(*columns, strict=True)], np.int64
-    )
-    polylines = [(np.frombuffer(x), np.frombuffer(y)) for x, y in index]
+    first, own = distinct_routes(view)
+    polylines = [(view.rollouts["route_x_m"][row], view.rollouts["route_y_m"][row]) for row in first]
     is_usable = np.array([_is_usable(x, y) for x, y in polylines] + [False])
     return Routes(polylines, np.where(is_usable[own], own, -1))
 

@@ -17,7 +17,7 @@ from branchdrive.driving.track_end import CLASSES, MEASURES, TrackEnds
 from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.motion.response import group_digests
-from branchdrive.raw.motion.tracks import tracks
+from branchdrive.raw.motion.tracks import track_frames, tracks
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = ["track_ends"]
@@ -36,7 +36,7 @@ def track_ends(view: ShardView, broken: Mask) -> TrackEnds:
         return TrackEnds.none()
     stream, observations, found = view.stream("actors"), view.observations, view.cached(tracks)
     row, previous = found.row, found.previous
-    frame = observations.rows_of(stream)[row]
+    frame = view.cached(track_frames)
     kept = np.append(~broken, False)[observations.rollout[frame]]
     names = stream.categories("actor_class")[1]
     kinds = np.array([CLASSES.index(name) if name in CLASSES else -1 for name in names] + [-1])
@@ -51,8 +51,9 @@ def track_ends(view: ShardView, broken: Mask) -> TrackEnds:
     step = np.repeat([-1, 1], [begins.sum(), ends.sum()])
     beyond_m = np.stack(_distances(view, row[places], frame[places] + step, step * OBSERVATION_S), axis=1)
     # A copy is as far away as its source, which counts unless its attempt is broken.
-    is_copy = ~view.cached(Copies).at_moments("actors").judged(len(stream))[row]
-    kept &= ~(is_copy & ~broken[view.nominal[observations.rollout[frame]]])
+    is_copy = ~view.cached(Copies).at_moments("observations").judged(len(observations))
+    counts = is_copy & ~np.append(broken, False)[np.append(view.nominal, -1)[observations.rollout]]
+    kept &= ~counts[frame]
     return TrackEnds(
         step < 0,
         kind[places],

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
 from branchdrive.raw.copies import Copies
-from branchdrive.raw.motion.residual import follows
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.join import KeyIndex
 
 __all__ = [
     "ActorSteps", "Displacements", "Tracks", "actor_displacements", "actor_returns", "actor_steps",
-    "repeats_nominal", "tracks",
+    "repeats_nominal", "track_frames", "tracks",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -80,6 +80,11 @@ def tracks(view: ShardView) -> Tracks:
     return Tracks(row, np.where(previous >= 0, row[previous], -1), row[resumed], row[left])
 
 
+def track_frames(view: ShardView) -> Index:
+    """Observation of each row of the tracks ``[rows]``."""
+    return view.observations.rows_of(view.stream("actors"))[view.cached(tracks).row]
+
+
 def repeats_nominal(view: ShardView) -> Mask:
     """Observations that are copies as a whole, as the ones before them are, which precede their sources, too.
 
@@ -113,7 +118,7 @@ def actor_steps(view: ShardView) -> ActorSteps:
     """Steps of the tracks of a shard between neighbouring observations."""
     observations, stream = view.observations, view.stream("actors")
     row, before, *_ = view.cached(tracks)
-    compared = (before >= 0) & follows(observations)[observations.rows_of(stream)[row]]
+    compared = np.flatnonzero((before >= 0) & follows(observations)[view.cached(track_frames)])
     row, before = row[compared], before[compared]
     return ActorSteps(row, before, *view.cached(Copies).at_moments("actors").distinct(row, before, len(stream)))
 
@@ -137,8 +142,9 @@ class Displacements(NamedTuple):
 def actor_displacements(view: ShardView) -> Displacements:
     """Displacements of actors between neighbouring observations, those after a contact of the ego among them."""
     row, before, distinct, place = view.cached(actor_steps)
-    _, *found = _displacements(view, row[distinct], before[distinct])
-    return Displacements(row, *(values[place] for values in found))
+    found = _displacements(view, row[distinct], before[distinct])
+    time_s = np.broadcast_to(OBSERVATION_S, len(row))
+    return Displacements(row, found.residual_m[place], found.most_m[place], time_s)
 
 
 def actor_returns(view: ShardView) -> Displacements:

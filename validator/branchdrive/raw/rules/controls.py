@@ -181,7 +181,7 @@ def stored_nominal_equals_nominal(view: ShardView, subjects: Mask) -> Iterator[C
     def found(row: int) -> str:
         return ", ".join(f"{a} {quote(controls[f'nominal_{a}'][row])}" for a in ACTUATORS)
 
-    compared = _with_rows(view, _marked(view, rows))
+    compared = controls.with_rows(rows)
     yield _at_rows(view, subjects, compared, _marked(view, rows[wrong]), expected, found)
 
 

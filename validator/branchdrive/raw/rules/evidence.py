@@ -23,17 +23,11 @@ from branchdrive.raw.shard_view import ShardView
 
 Array = NDArray[np.float64]
 
-
-def _certain(view: ShardView) -> dict[str, Array]:
-    """Minimum per observation over the pairs that must count: those that no cut-off leaves open."""
-    pairs = view.cached(deciding_pairs)
-    candidates = risk_candidates(pairs, -CUTOFF_SLACK)
-    return {name: least_of_frame(*chosen, pairs, len(view.observations)) for name, chosen in candidates.items()}
-
-
-def _open_candidates(view: ShardView) -> dict[str, tuple[Array, Mask]]:
-    """Values and pairs that may count, those on a cut-off included."""
-    return risk_candidates(view.cached(deciding_pairs), CUTOFF_SLACK)
+_MINIMA = {
+    "separation": "separation_m", "ttc": "ttc_s", "nearest_vehicle": "nearest_vehicle_gap_m",
+    "nearest_pedestrian": "nearest_pedestrian_gap_m",
+}  # fmt: skip
+"""Minima over the pairs of an observation, and the column of each."""
 
 
 def _close(recorded: Array, computed: Array, tolerance: float) -> Mask:
@@ -42,8 +36,19 @@ def _close(recorded: Array, computed: Array, tolerance: float) -> Mask:
     return np.asarray(np.abs(recorded - finite) <= tolerance * (1 + np.abs(finite)))
 
 
-def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Check:
-    """Mask, value and actor of a minimum are those of the recorded boxes."""
+def _unsound(view: ShardView) -> dict[str, Mask]:
+    """Rows of evidence at which mask, value or actor of a minimum is not that of the recorded boxes, by its name."""
+    pairs = view.cached(deciding_pairs)
+    must_count, may_count = (risk_candidates(pairs, slack) for slack in (-CUTOFF_SLACK, CUTOFF_SLACK))
+    found = {}
+    for name, column in _MINIMA.items():
+        certain = least_of_frame(*must_count[name], pairs, len(view.observations))
+        found[name] = _unsound_rows(view, name, column, certain, *may_count[name])
+    return found
+
+
+def _unsound_rows(view: ShardView, name: str, column: str, certain_of: Array, value: Array, may_count: Mask) -> Mask:
+    """The same of one minimum, from that over the pairs that no cut-off leaves open, and from all that may count."""
     evidence, pairs = view.stream("evidence"), view.cached(deciding_pairs)
     tolerance = view.descriptor.tolerances.evidence
     frame, copied = view.observations.rows_of(evidence), view.cached(Copies).at_moments("evidence")
@@ -51,7 +56,6 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
     there = evidence[f"{name}_available"].astype(bool)
     recorded = evidence[column].astype(np.float64)
 
-    value, may_count = view.cached(_open_candidates)[name]
     row_of = np.full(len(view.observations), -1)
     row_of[frame[rows]] = rows
     candidates = np.flatnonzero(may_count & (row_of[pairs.frame] >= 0))
@@ -61,13 +65,20 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
         fits &= evidence[f"{name}_actor_id"][owner] == pairs.actor_id[candidates]
     has_pair = np.zeros(len(evidence), bool)
     has_pair[owner[fits]] = True
-    certain = view.cached(_certain)[name][frame[rows]]
+    certain = certain_of[frame[rows]]
     is_least = _close(np.maximum(recorded[rows], certain), certain, tolerance) | ~np.isfinite(certain)
     sound = np.where(there[rows], has_pair[rows] & is_least, ~np.isfinite(certain))
     bad = np.zeros(len(evidence), bool)
     bad[rows] = ~sound
     copied.fill(bad)
-    summary = evidence.by_rollout(bad)
+    return bad
+
+
+def _recomputes(view: ShardView, subjects: Mask, name: str) -> Check:
+    """Mask, value and actor of a minimum are those of the recorded boxes."""
+    evidence, column = view.stream("evidence"), _MINIMA[name]
+    frame = view.observations.rows_of(evidence)
+    summary = evidence.by_rollout(view.cached(_unsound)[name])
 
     def text(available: bool, value: float) -> str:
         return quote(value) if available else "unavailable"
@@ -93,21 +104,21 @@ def _recomputes(view: ShardView, subjects: Mask, name: str, column: str) -> Chec
 @rule("BD-EVD-001")
 def separation_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``separation_m`` = smallest gap to a relevant actor in range."""
-    yield _recomputes(view, subjects, "separation", "separation_m")
+    yield _recomputes(view, subjects, "separation")
 
 
 @rule("BD-EVD-002")
 def ttc_recomputes(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """``ttc_s`` = smallest gap / closing speed over relevant closing actors in range, 0 on overlap."""
-    yield _recomputes(view, subjects, "ttc", "ttc_s")
+    yield _recomputes(view, subjects, "ttc")
 
 
 @rule("BD-EVD-003")
 def nearest_actors_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Nearest vehicle and nearest pedestrian gaps recompute, and the vehicle's closing speed with its gap."""
     yield Check.of_any(
-        _recomputes(view, subjects, "nearest_vehicle", "nearest_vehicle_gap_m"),
-        _recomputes(view, subjects, "nearest_pedestrian", "nearest_pedestrian_gap_m"),
+        _recomputes(view, subjects, "nearest_vehicle"),
+        _recomputes(view, subjects, "nearest_pedestrian"),
         _rel_speed_recomputes(view, subjects),
     )
 

@@ -70,7 +70,10 @@ def _column_codes(table: TableView, column: str) -> NDArray[np.int64]:
         return np.array([*(first[text] for text in texts), -1], np.int64)[codes]
     if values.dtype == object:
         seen: dict[bytes, int] = {}
-        return np.array([seen.setdefault((cell + 0.0).tobytes(), len(seen)) for cell in values], np.int64)
+        cells, rows = np.unique(table.cells(column), return_index=True)
+        code_of = np.zeros(cells.max(initial=-1) + 1, np.int64)
+        code_of[cells] = [seen.setdefault((values[row] + 0.0).tobytes(), len(seen)) for row in rows]
+        return code_of[table.cells(column)]
     return np.unique(values, return_inverse=True)[1].astype(np.int64)
 
 

@@ -14,7 +14,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
-from branchdrive.files.shard_facts import repeated_rollouts, split_groups
+from branchdrive.files.shard_facts import num_groups, repeated_rollouts, split_groups
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import sortable
@@ -39,7 +39,7 @@ def rollout_ids_are_unique(survey: Survey) -> Iterator[Check]:
 def groups_stay_in_one_shard(survey: Survey) -> Iterator[Check]:
     """No branch group in two shards."""
     yield Check.of(
-        len({group_id for shard in survey.shards for group_id in shard.group_ids}),
+        num_groups(survey.shards),
         tuple(
             Mismatch({"group_id": group_id}, "one shard", ", ".join(folders[:4]))
             for group_id, folders in split_groups(survey.shards).items()
@@ -84,7 +84,7 @@ def _is_stored_as_seen(view: ShardView, table: TableView) -> bool:
     if any(after < before for before, after in pairwise(view.rollout_ids)):
         return False
     further = [sortable(table, column) for column in TABLES[table.name].key[2:]]
-    return not table.repeats.any() or not any((table.repeats[1:] & (part[1:] < part[:-1])).any() for part in further)
+    return table.ascends or not any((table.repeats[1:] & (part[1:] < part[:-1])).any() for part in further)
 
 
 def _unknown_rollout(stream: TableView, row: int) -> tuple[str, str]:
@@ -137,7 +137,11 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         if name not in view:
             continue
         stream = view.stream(name)
-        orphan = stream.of_moments(observations.rows_of_moments(stream) < 0)
+        is_lost = observations.rows_of_moments(stream) < 0
+        if stream.ascends and not is_lost.any():
+            yield Check.of_rows(name, None, len(stream), np.zeros(0, np.intp), partial(_misplaced, is_lost))
+            continue
+        orphan = stream.of_moments(is_lost)
         repeated = stream.repeats if name == "evidence" else stream.repeats_with(stream["actor_id"])
         if num_unknown := stream.num_unknown:  # they come first
             repeated = repeated.copy()

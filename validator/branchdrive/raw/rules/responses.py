@@ -6,7 +6,6 @@ Source: spec/07-rules.md#response.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -18,6 +17,7 @@ from branchdrive.contract.rule import CATALOGUE, rule
 from branchdrive.contract.text import quote
 from branchdrive.driving.response import NO_RESPONSE, Responses, Sights
 from branchdrive.driving.unit import wrong_unit
+from branchdrive.files.group_marks import last_rows
 from branchdrive.files.survey import Survey
 from branchdrive.raw.motion.calibration import OF_VEHICLE, QUANTITIES, Quantity
 
@@ -177,35 +177,53 @@ def images_show_responses_in_time(survey: Survey) -> Iterator[Check]:
 @rule("BD-RSP-005")
 def groups_are_no_copies(survey: Survey) -> Iterator[Check]:
     """No attempt repeats, tick by tick, what the vehicle did in an attempt of another group."""
-    groups = {group_id: digests for shard in survey.shards for group_id, digests in shard.tracks.items()}
-    times = Counter(digest for digests in groups.values() for digest in digests)
+    every = [shard.tracks for shard in survey.shards]
+    kept = last_rows(every)
+    digests = np.concatenate([np.zeros(0, np.uint64), *(t.digest[own] for t, own in zip(every, kept, strict=True))])
+    _, kind, times = np.unique(digests, return_inverse=True, return_counts=True)
+    is_copied, start = times[kind] > 1, 0
+    copies: dict[str, list[int]] = {}
+    num_tracks: dict[str, int] = {}
+    with_tracks = 0
+    for tracks, own in zip(every, kept, strict=True):
+        group = tracks.group[own]
+        here = slice(start, start := start + len(group))
+        with_tracks += len(np.unique(group))
+        names = [*tracks.names] if is_copied[here].any() else []
+        for place, digest in zip(group[is_copied[here]].tolist(), digests[here][is_copied[here]].tolist(), strict=True):
+            copies.setdefault(names[place], []).append(digest)
+            num_tracks[names[place]] = int((group == place).sum())
     home: dict[int, str] = {}
-    for group_id in sorted(groups):
-        for digest in groups[group_id]:
-            home.setdefault(digest, group_id)
+    for name in sorted(copies):
+        for digest in copies[name]:
+            home.setdefault(digest, name)
     found = []
-    for group_id in sorted(groups):
-        copied = [digest for digest in groups[group_id] if times[digest] > 1 and home[digest] != group_id]
+    for name in sorted(copies):
+        copied = [digest for digest in copies[name] if home[digest] != name]
         if copied:
             other = min(home[digest] for digest in copied)
-            text = f"{len(copied)} of {len(groups[group_id])} tracks, as in group {other!r}"
-            found.append(Mismatch({"group_id": group_id}, "tracks that no other group has", text, len(copied)))
-    with_tracks = sum(bool(digests) for digests in groups.values())
+            text = f"{len(copied)} of {num_tracks[name]} tracks, as in group {other!r}"
+            found.append(Mismatch({"group_id": name}, "tracks that no other group has", text, len(copied)))
     yield Check.of(with_tracks if with_tracks > 1 else 0, found)
 
 
 @rule("BD-RSP-015")
 def groups_are_no_near_copies(survey: Survey) -> Iterator[Check]:
     """No group drives like another one among the same actors, wherever it is and whatever it is called."""
-    named = {group_id: outline for shard in survey.shards for group_id, outline in shard.outlines.items()}
-    names = np.array(sorted(named), object)
+    every = [shard.outlines for shard in survey.shards if len(shard.outlines.group)]
+    kept = last_rows(every)
+    texts = [np.array([*o.names], object)[o.group[own]] for o, own in zip(every, kept, strict=True)]
+    names = np.concatenate([np.zeros(0, object), *texts])
+    values = np.concatenate([o.values[own] for o, own in zip(every, kept, strict=True)]) if every else np.zeros((0, 0))
+    order = np.argsort(names)
+    names, values = names[order], values[order]
     found: dict[str, str] = {}
-    for one, other in _near_pairs(np.array([named[name] for name in names]), physical_bounds().copy_m):
+    for one, other in _near_pairs(values, physical_bounds().copy_m):
         first, second = sorted((str(names[one]), str(names[other])))
         found[second] = min(first, found.get(second, first))
     text = f"those of group {{}}, within {physical_bounds().copy_m:g} m"
     yield Check.of(
-        len(named) if len(named) > 1 else 0,
+        len(names) if len(names) > 1 else 0,
         [
             Mismatch({"group_id": second}, "ways and surroundings that no other group has", text.format(quote(first)))
             for second, first in sorted(found.items())

@@ -17,7 +17,7 @@ from branchdrive.contract.text import quote
 from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.raw.motion.contact import is_free, touches
-from branchdrive.raw.motion.tracks import actor_displacements, actor_returns, repeats_nominal, tracks
+from branchdrive.raw.motion.tracks import actor_displacements, actor_returns, repeats_nominal, track_frames, tracks
 from branchdrive.raw.shard_view import ShardView
 
 Index = NDArray[np.int64]
@@ -49,43 +49,39 @@ def _of_actors(
     return Check.of_subjects(subjects, subjects & summary.any, describe)
 
 
-def _with_rows(view: ShardView, rows: Index) -> Mask:
-    """Attempts with one of some rows of the actors table, which are at observations ``[rollouts]``."""
-    owner = view.observations.rollout[view.observations.rows_of(view.stream("actors"))[rows]]
-    return np.bincount(owner, minlength=view.num_rollouts) > 0
-
-
 @rule("BD-ACT-001")
 def actors_stay_what_they_are(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Class and extents of an actor are those of its previous row."""
     stream, (row, previous, resumed, left) = view.stream("actors"), view.cached(tracks)
-    rows = np.concatenate([row[previous >= 0], resumed])
-    before = np.concatenate([previous[previous >= 0], left])
-    judged = np.ones(len(rows), bool)
-    judged[: len(rows) - len(resumed)] = ~view.cached(repeats_nominal)[
-        view.observations.rows_of(stream)[row[previous >= 0]]
-    ]
-    some, compared, checks = np.flatnonzero(judged), _with_rows(view, rows), []
-    for column in _KIND:
+    goes_on = previous >= 0
+    compared = stream.with_rows(row[goes_on]) | stream.with_rows(resumed)
+
+    def differing(steps: Index, column: str) -> tuple[Index, Index]:
+        """Rows that have another value than the row before."""
         values = stream.categories(column)[0] if column == "actor_class" else stream[column]
-        bad = some[values[rows[some]] != values[before[some]]]
-        if len(bad):  # and what repeats it
-            bad = np.flatnonzero(values[rows] != values[before])
-        source = dict(zip(rows[bad].tolist(), before[bad].tolist(), strict=True))
+        rows, before = np.concatenate([row[steps], resumed]), np.concatenate([previous[steps], left])
+        bad = np.flatnonzero(values[rows] != values[before])
+        return rows[bad], before[bad]
+
+    judged, checks = np.flatnonzero(goes_on & ~view.cached(repeats_nominal)[view.cached(track_frames)]), []
+    for column in _KIND:
+        rows, before = differing(judged, column)
+        if len(rows):  # and what repeats it
+            rows, before = differing(np.flatnonzero(goes_on), column)
+        source = dict(zip(rows.tolist(), before.tolist(), strict=True))
 
         def text(row: int, column: str = column, source: dict[int, int] = source) -> tuple[str, str]:
             was, found = (quote(stream[column][k]) for k in (source[row], row))
             return f"{was}, as at tick {stream['tick'][source[row]]}", found
 
-        checks.append(_of_actors(view, subjects, compared, rows[bad], column, text))
+        checks.append(_of_actors(view, subjects, compared, rows, column, text))
     yield Check.of_any(*checks)
 
 
 def _crowded_rows(view: ShardView) -> Index:
     """Rows at observations where a track begins: of an actor that is there twice."""
-    stream = view.stream("actors")
     row, previous, *_ = view.cached(tracks)
-    frame = view.observations.rows_of(stream)[row]
+    frame = view.cached(track_frames)
     is_crowded = np.zeros(len(view.observations), bool)
     is_crowded[frame[previous < 0]] = True
     return row[is_crowded[frame]]
@@ -111,7 +107,7 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     is_same = near <= physical_bounds().same_centre_m
     away = dict(zip(rows[is_same].tolist(), near[is_same].tolist(), strict=True))
     ego = _of_actors(
-        view, subjects, _with_rows(view, rows), rows[is_same], "x_m",
+        view, subjects, stream.with_rows(rows), rows[is_same], "x_m",
         lambda row: ("another road user than the ego", f"a box whose centre is {away[row]:.2f} m from that of the ego"),
     )  # fmt: skip
 
@@ -122,7 +118,7 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
         second, first = _twins(view, rows, _BOX)
     twin = dict(zip(second.tolist(), first.tolist(), strict=True))
     twice = _of_actors(
-        view, subjects, _with_rows(view, row), second, "actor_id",
+        view, subjects, stream.with_rows(row), second, "actor_id",
         lambda row: (
             "a box of its own", f"the box of actor {stream['actor_id'][twin[row]]}",
         ),
@@ -150,7 +146,7 @@ def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
         missing = np.where((missing < 0) & (here < next_) & (np.hypot(*away) <= RANGE_M - margin_m), here, missing)
     tick = dict(zip(resumed[missing >= 0].tolist(), observations.tick[missing[missing >= 0]].tolist(), strict=True))
     yield _of_actors(
-        view, subjects, _with_rows(view, row), resumed[missing >= 0], "actor_id",
+        view, subjects, stream.with_rows(row), resumed[missing >= 0], "actor_id",
         lambda row: (f"a row at tick {tick[row]}, too, where the actor is in range", "none"),
     )  # fmt: skip
 
@@ -159,12 +155,13 @@ def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
 def actors_move_as_their_velocity_says(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """The way of an actor between two observations is that of its velocities."""
     steps, bounds = view.cached(actor_displacements), physical_bounds()
-    free = view.cached(is_free)[view.observations.rows_of(view.stream("actors"))[steps.row]]
+    stream = view.stream("actors")
+    free = view.cached(is_free)[view.observations.rows_of(stream)[steps.row]]
     rows, residual = steps.row[free], steps.residual_m[free]
     far = np.flatnonzero(residual > steps.most_m[free])
     away = dict(zip(rows[far].tolist(), residual[far].tolist(), strict=True))
     yield _of_actors(
-        view, subjects, _with_rows(view, rows), rows[far], "vel_x_mps",
+        view, subjects, stream.with_rows(rows), rows[far], "vel_x_mps",
         lambda row: (
             f"a displacement within {bounds.displacement_m:g} m and {bounds.displacement_share:.0%} of what the "
             "velocity gives", f"{away[row]:.2f} m away from it",
@@ -176,14 +173,15 @@ def actors_move_as_their_velocity_says(view: ShardView, subjects: Mask) -> Itera
 def actors_come_back_where_they_can(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """The way of an actor over a gap of its track is one that a road user can take."""
     back = view.cached(actor_returns)
-    frame = view.observations.rows_of(view.stream("actors"))
+    stream = view.stream("actors")
+    frame = view.observations.rows_of(stream)
     rows, left = frame[back.row], frame[view.cached(tracks).left]
     num_touched = np.cumsum(view.cached(touches))
     free = view.cached(is_free)[left] & (num_touched[left] == num_touched[rows])
     far = np.flatnonzero(free & (back.residual_m > back.most_m))
     step = dict(zip(back.row[far].tolist(), far.tolist(), strict=True))
     yield _of_actors(
-        view, subjects, _with_rows(view, back.row[free]), back.row[far], "actor_id",
+        view, subjects, stream.with_rows(back.row[free]), back.row[far], "actor_id",
         lambda row: (
             f"after {back.time_s[step[row]]:.2f} s a place within {back.most_m[step[row]]:.1f} m of where its "
             "velocities lead",

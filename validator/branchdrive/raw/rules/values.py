@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from branchdrive.contract.machine_trace import trace_of
 from branchdrive.contract.mismatch import Check
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.raw.motion.route_state import distinct_routes
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import Tables, TableView
 
@@ -130,9 +131,13 @@ def _pattern(name: str) -> re.Pattern[str]:
 @rule("BD-VAL-004")
 def text_matches_pattern(view: Tables) -> Iterator[Check]:
     """Every text of a patterned column matches it from start to end."""
+
+    @cache  # identities come in every stream
+    def matches(pattern: str, text: str) -> bool:
+        return _pattern(pattern).fullmatch(text) is not None
+
     for table, column in _columns(view, lambda c: c.pattern is not None):
-        pattern = _pattern(str(column.pattern))
-        bad = _rejected_rows(table, column, lambda category, p=pattern: p.fullmatch(category) is not None)  # type: ignore[misc]
+        bad = _rejected_rows(table, column, partial(matches, str(column.pattern)))
         expected = f"text like {PATTERNS[str(column.pattern)]}"
         yield Check.of_rows(
             table.name, column.name, _num_values(table, column), bad, _describe(expected, table, column)
@@ -145,12 +150,11 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
     xs, ys = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
     limit = spec_limits().max_route_vertices
 
-    @cache  # attempts of a group share their route
-    def broken(x_bytes: bytes, y_bytes: bytes) -> bool:
-        x, y = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
+    def broken(x: NDArray[np.float64], y: NDArray[np.float64]) -> bool:
         return len(x) != len(y) or not 2 <= len(x) <= limit or bool(((np.diff(x) == 0) & (np.diff(y) == 0)).any())
 
-    bad = np.flatnonzero([broken(x.tobytes(), y.tobytes()) for x, y in zip(xs, ys, strict=True)])
+    first, which = distinct_routes(view)
+    bad = np.flatnonzero(np.array([broken(xs[row], ys[row]) for row in first], bool)[which])
     yield Check.of_rows(
         "rollouts",
         "route_x_m",
@@ -170,8 +174,10 @@ def zeros_are_positive(view: Tables) -> Iterator[Check]:
         bad = NONE
         if not table.extremes(column.name)[0] > 0:
             numbers, owner = _numbers(table, column)
-            bits = numbers.view(f"u{numbers.itemsize}")
-            bad = _rows(bits == 1 << (8 * numbers.itemsize - 1), owner)  # the sign alone
+            bits = numbers.view(f"i{numbers.itemsize}")
+            least = np.iinfo(bits.dtype).min  # the sign alone
+            if np.minimum.reduce(bits, initial=0) == least:
+                bad = _rows(bits == least, owner)
         yield Check.of_rows(table.name, column.name, len(table), bad, lambda _: ("0.0", "-0.0"))
 
 

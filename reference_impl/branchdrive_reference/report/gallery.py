@@ -1,0 +1,171 @@
+"""The groups of a report as cards, and the data of those that open in its page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from branchdrive.contract.columns import PATTERNS
+from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.text import counted
+from branchdrive_reference.report.encode import encoded_scene
+from branchdrive_reference.report.facts import DatasetReport, GroupFacts, scenes
+from branchdrive_reference.report.images import camera_images
+from branchdrive_reference.report.roads import Roads
+from branchdrive_reference.report.scene import Scene
+from branchdrive_reference.report.shard_rows import ShardRows
+from branchdrive_reference.report.template import island
+from branchdrive_reference.report.thumbnail import Thumbnail, thumbnail
+from branchdrive_reference.study.label import label
+
+__all__ = ["Card", "Gallery", "played_group"]
+
+PLAYED_BYTES = 6_000_000
+"""Data of groups that open in the page itself, without images."""
+
+IMAGE_BYTES = 2_000_000
+"""Of all camera images of the page."""
+
+_MOST_CARDS = 1000
+
+
+class Card(NamedTuple):
+    """A group of the gallery."""
+
+    group_id: str
+    scenario_type: str
+    town: str
+    partition: str
+    outcome: str
+    tone: str
+    contact: str
+    contact_text: str
+    picture: Thumbnail | None
+    remark: str
+    place: int | None
+    href: str | None
+
+
+class Gallery:
+    """Groups of a report as cards, and the data of those that its page plays."""
+
+    def __init__(self, report: DatasetReport, folder: str | None) -> None:
+        self.folder = folder
+        self.played: list[Any] = []
+        self.towns: dict[str, Any] = {}
+        self.beside: list[GroupFacts] = []
+        self._report = report
+        self._places: dict[str, int] = {}
+        self._found: dict[str, tuple[Thumbnail | None, Any, str]] = {}
+
+    def cards(self) -> list[Card]:
+        """Cards of the first groups, each with its drawing."""
+        report, dataset = self._report, self._report.dataset
+        if dataset is None:
+            return []
+        facts = {group.group_id: group for group in report.groups}
+        order = _mixed(report.groups)[:_MOST_CARDS]
+        roads = Roads(dataset.descriptor)
+        share = IMAGE_BYTES // max(len(order), 1)
+        for rows, group_id, scene in scenes(dataset, frozenset(group.group_id for group in order)):
+            roads.collect(rows)
+            if group_id:
+                picture, document, contact = played_group(
+                    facts[group_id], scene, roads, rows, dataset.descriptor, share
+                )
+                self._found[group_id] = picture, island(document), contact
+        self._choose(order)
+        self.towns = roads.packed()
+        shown = {group.group_id for group in order}
+        return [self._card(group) for group in report.groups if group.group_id in shown]
+
+    @property
+    def text(self) -> str:
+        """How many groups open, and what became of the others."""
+        num, played = len(self._report.groups), len(self.played)
+        text = f"{counted(num, 'group')}; {'all open' if played == num else f'{played:,} open'} in the player."
+        if played < num and self.folder is not None:
+            text += " The others open in pages of their own beside this file."
+        elif played < num:
+            text += " A file of bounded size has no room for the others, or they hold nothing that can be drawn."
+        return text
+
+    def _choose(self, order: Sequence[GroupFacts]) -> None:
+        """Keep the data of as many groups as there is room for, in the order of the dataset."""
+        room, kept = PLAYED_BYTES + IMAGE_BYTES, set()
+        for group in order:
+            if group.group_id in self._found:
+                size = len(self._found[group.group_id][1])
+                if size > room:
+                    continue
+                room -= size
+                kept.add(group.group_id)
+        for group in self._report.groups:
+            if group.group_id in kept:
+                self._places[group.group_id] = len(self.played)
+                self.played.append(self._found[group.group_id][1])
+            elif self.folder is not None and re.fullmatch(PATTERNS["id"], group.group_id):
+                self.beside.append(group)
+
+    def _card(self, group: GroupFacts) -> Card:
+        picture, _, contact = self._found.get(group.group_id, (None, "", "unknown"))
+        place = self._places.get(group.group_id)
+        is_beside = self.folder is not None and place is None and re.fullmatch(PATTERNS["id"], group.group_id)
+        result = group.result
+        tone = "note" if result is None else "good" if result.qualifies else "warning"
+        return Card(
+            label(group.group_id), label(group.scenario_type), label(group.town), group.partition, group.outcome, tone,
+            contact, _CONTACTS[contact], picture, "" if picture else "Nothing of this group can be drawn.", place,
+            f"{self.folder}/{group.group_id}.html" if is_beside else None,
+        )  # fmt: skip
+
+
+_CONTACTS = {
+    "nominal touches": "The nominal drive touches something.",
+    "an intervention touches": "Some intervention touches something.",
+    "none touches": "No candidate touches anything.",
+    "unknown": "Contacts are unknown.",
+}
+
+
+def _mixed(groups: Sequence[GroupFacts]) -> list[GroupFacts]:
+    """Groups in the order in which they get room: one of every outcome and scenario type after the other."""
+    kinds: dict[tuple[str, str], list[GroupFacts]] = {}
+    for group in groups:
+        kinds.setdefault((group.outcome, group.scenario_type), []).append(group)
+    turns = max(map(len, kinds.values()), default=0)
+    return [members[turn] for turn in range(turns) for members in kinds.values() if turn < len(members)]
+
+
+def played_group(
+    group: GroupFacts, scene: Scene, roads: Roads, rows: ShardRows, descriptor: Descriptor, image_bytes: int
+) -> tuple[Thumbnail | None, dict[str, Any], str]:
+    """Drawing, data for the player and contacts of a group."""
+    remarks = list(scene.remarks)
+    about = [label(group.scenario_type), label(group.town), group.partition, group.outcome]
+    document: dict[str, Any] = {
+        "name": label(group.group_id), "town": group.town,
+        "about": " · ".join(text for text in about if text),
+    }  # fmt: skip
+    if group.result is not None and not group.result.qualifies:
+        remarks.insert(0, f"It is {group.outcome}: {group.result.reason}.")
+    picture, contact = None, "unknown"
+    if scene.futures:
+        elements = roads.around(group.town, scene)
+        if not elements:
+            remarks.append(f"There is no map of {label(group.town)} around this group.")
+        picture = thumbnail(scene, elements)
+        images = camera_images(rows, scene, descriptor, image_bytes)
+        remarks += images.remarks
+        document |= {**encoded_scene(scene), "at": list(scene.origin[:2])}
+        if images.text:
+            document |= {"images": images.found, "image_text": images.text}
+        if "evidence" in rows.streams:
+            contact = "none touches"
+            if any(len(future.contacts) for future in scene.futures[1:]):
+                contact = "an intervention touches"
+            if len(scene.futures[0].contacts):
+                contact = "nominal touches"
+    document["remarks"] = remarks
+    return picture, document, contact

@@ -1,0 +1,78 @@
+"""Templates, style and scripts as one page that fetches nothing.
+
+Text of a dataset reaches a page in two ways alone: through templates, which escape it, and as JSON whose brackets are
+escaped. The policy of the page names its own style and script by digest, so that nothing else runs, and forbids every
+connection.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+__all__ = ["asset", "island", "rendered_page"]
+
+_SCRIPTS = ("decode.js", "theme.js", "gallery.js", "map.js", "chart.js", "player.js")
+"""In the order in which they run."""
+
+
+@cache
+def asset(name: str) -> str:
+    """Text of a file beside the code: a template, a style sheet or a script."""
+    return files(__package__).joinpath("assets", name).read_text("utf-8")
+
+
+@cache
+def _environment() -> Any:
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    found = Environment(
+        loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    found.filters["ticked"] = _ticked
+    return found
+
+
+def _ticked(text: str) -> Any:
+    """Text with what stands in back-ticks as code; everything is escaped."""
+    from markupsafe import Markup, escape
+
+    parts = text.split("`")
+    if len(parts) % 2 == 0:  # one is left over
+        return escape(text)
+    code = Markup("<code>{}</code>")
+    return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
+
+
+def island(document: Any) -> Any:
+    """A document as the content of a script element that no browser runs: no bracket of it can end the element."""
+    from markupsafe import Markup
+
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))  # noqa: S704
+
+
+def rendered_page(template: str, style: str, **values: Any) -> bytes:
+    """A page as it is written.
+
+    Args:
+        template: Name of its file.
+        style: Its style sheet.
+        values: What the template is filled with.
+    """
+    from markupsafe import Markup
+
+    script = "\n".join(["'use strict';", *map(asset, _SCRIPTS)])
+    allowed = {name: base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+               for name, text in (("script", script), ("style", style))}  # fmt: skip
+    policy = (
+        "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'; "
+        f"script-src 'sha256-{allowed['script']}'; style-src 'sha256-{allowed['style']}'"
+    )
+    values |= {"policy": policy, "style": Markup(style), "script": Markup(script)}  # noqa: S704  (our own)
+    text: str = _environment().get_template(template).render(values)
+    return text.encode()

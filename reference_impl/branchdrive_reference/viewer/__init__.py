@@ -1,0 +1,1 @@
+"""A branch group for the viewer of rerun: its futures on the map, with the actors of each, over time."""

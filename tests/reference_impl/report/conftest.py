@@ -1,0 +1,27 @@
+"""Datasets and reports that several tests look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.reference_impl.report.reading import Page, made
+from tests.reference_impl.report.samples import damaged, written
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small valid dataset."""
+    return written(tmp_path_factory.mktemp("report") / "d")
+
+
+@pytest.fixture(scope="session")
+def page(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """Its report."""
+    return made(dataset, tmp_path_factory.mktemp("report") / "report.html")
+
+
+@pytest.fixture(scope="session")
+def damaged_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One with faults of many kinds."""
+    return damaged(tmp_path_factory.mktemp("report") / "damaged")
