@@ -11,7 +11,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills bench bench-growth bench-paper bench-release
+.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills ray bench bench-growth bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, media, plots, report, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -78,6 +78,11 @@ conformance: setup
 ## the tests with lowest and newest versions of libraries, on every Python from 3.11 to 3.13 that is found, and as three processors calculate
 compat: setup
 	$(BIN)/python -m tests.compatibility --jobs $(JOBS)
+
+## install the extra ray, and run the tests that need it
+ray: setup
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[ray]"
+	$(BIN)/pytest -q tests/validator/runtime/test_ray_executor.py
 
 ## the part of compat that continuous integration runs
 compat-quick: setup

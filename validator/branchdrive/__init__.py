@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from branchdrive.contract.policy import ActuatorRule, Command, Policy
     from branchdrive.driving.feature import InputContract
     from branchdrive.driving.risk import risk_evidence
+    from branchdrive.engine.cache import Cache
     from branchdrive.engine.finding import Finding
     from branchdrive.engine.report import Report
     from branchdrive.engine.rollout import check_rollout
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from branchdrive.raw.reader import Dataset, open_dataset
     from branchdrive.raw.rollout import Rollout
     from branchdrive.runtime.executor import Executor, isolated
+    from branchdrive.runtime.ray_executor import ray_executor
     from branchdrive.writer.group_writer import GroupWriter
     from branchdrive.writer.rollout_writer import RolloutWriter
     from branchdrive.writer.writer import DatasetWriter
@@ -70,6 +72,7 @@ __all__ = [
     "ActuatorRule",
     "BranchDriveError",
     "BranchGroup",
+    "Cache",
     "CameraFrames",
     "CameraWorld",
     "Collection",
@@ -134,6 +137,7 @@ __all__ = [
     "open_dataset",
     "open_model",
     "open_store",
+    "ray_executor",
     "risk_evidence",
     "route_columns",
     "to_ego_frame",
@@ -147,6 +151,7 @@ _HOME = {
     "ActuatorRule": "contract.policy",
     "BranchDriveError": "errors",
     "BranchGroup": "raw.group",
+    "Cache": "engine.cache",
     "CameraFrames": "raw.media.camera_frames",
     "CameraWorld": "collector.world",
     "Collection": "contract.descriptor",
@@ -211,6 +216,7 @@ _HOME = {
     "open_dataset": "raw.reader",
     "open_model": "model.reader",
     "open_store": "formats.place",
+    "ray_executor": "runtime.ray_executor",
     "risk_evidence": "driving.risk",
     "route_columns": "collector.route",
     "to_ego_frame": "collector.route",

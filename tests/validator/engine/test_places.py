@@ -19,7 +19,9 @@ from tests.validator.engine.datasets import write
 from tests.validator.engine.rules.release import detached_draft, release_draft
 
 from branchdrive.cli.main import run as run_command
+from branchdrive.engine.cache import Cache
 from branchdrive.engine.validate import validate
+from branchdrive.errors import UsageError
 from branchdrive.formats.place import Place, open_store
 from branchdrive.formats.store import Store
 from branchdrive.model.reader import open_model
@@ -115,6 +117,24 @@ def test_reports_of_worker_processes_are_equal(raw: Places, expected: dict[str, 
 
 
 @pytest.mark.parametrize("kind", ["bucket", "archive"])
+def test_a_cache_serves_every_place(raw: Places, expected: dict[str, Any], tmp_path: Path, kind: str) -> None:
+    folder, taken = tmp_path / "cache", []
+    for place in (raw.at(kind), raw.folder, raw.at(kind)):
+        found = told(place, cache=Cache(folder))
+        taken.append(found.pop("cached")["shards"])
+        found["conditions"] = [line for line in found["conditions"] if "judged by an earlier run" not in line]
+        assert found == {key: value for key, value in expected.items() if key != "cached"}
+    num_shards = validate(raw.folder).dataset.num_shards
+    assert taken == [0, num_shards, num_shards]
+
+
+def test_a_cache_inside_the_folder_of_a_dataset_is_refused_however_it_is_named(folder: Path) -> None:
+    for place in (folder, str(folder), open_store(folder)):
+        with pytest.raises(UsageError, match="lies inside the dataset"):
+            validate(place, cache=Cache(folder / "cache"))
+
+
+@pytest.mark.parametrize("kind", ["bucket", "archive"])
 def test_reports_on_what_is_wrong_are_equal(tmp_path: Path, server: BucketServer, kind: str) -> None:
     folder = write(tmp_path / "drive")
     (folder / SHARD / "controls.parquet").unlink()
@@ -205,10 +225,14 @@ def test_what_changes_after_the_listing_is_a_finding_on_its_file(
     assert any(f"was {how} after it was listed" in finding.message for finding in report.findings)
 
 
-def test_a_store_that_fails_ends_the_run_and_gives_no_verdict(raw: Places, server: BucketServer) -> None:
+@pytest.mark.parametrize("has_cache", [False, True])
+def test_a_store_that_fails_ends_the_run_and_gives_no_verdict(
+    raw: Places, server: BucketServer, tmp_path: Path, has_cache: bool
+) -> None:
     server.faults[f"drive/{SHARD}/controls.parquet"] = ["403"]
     out, errors = io.StringIO(), io.StringIO()
-    assert run_command(["validate", str(raw.at("bucket"))], out, errors) == 4
+    options = ["--cache", str(tmp_path / "cache")] if has_cache else []
+    assert run_command(["validate", str(raw.at("bucket")), *options], out, errors) == 4
     assert out.getvalue() == ""
     assert errors.getvalue().count("\n") == 1
     assert "refuses access" in errors.getvalue()

@@ -90,6 +90,44 @@ def die_at_file(task: Any) -> Any:
     return audit_shard(task)
 
 
+def lack(value: int) -> int:
+    from branchdrive.errors import PlatformError
+
+    raise PlatformError(f"no disk for {value}")
+
+
+def kill_worker_once(task: tuple[str, int]) -> int:
+    """Kill the worker of Ray that this process belongs to, the first time."""
+    mark = Path(task[0])
+    if not mark.exists():
+        mark.touch()
+        pid = os.getppid()
+        while not Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"ray::"):
+            pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+        os.kill(pid, signal.SIGKILL)
+        time.sleep(60)
+    return 2 * task[1]
+
+
+def where(_: int) -> dict[str, Any]:
+    """What the process of a task is like."""
+    import resource
+
+    return {
+        "path": sys.path,
+        "folder": str(Path.cwd()),
+        "threads": os.environ.get("OPENBLAS_NUM_THREADS"),
+        "bytes": resource.getrlimit(resource.RLIMIT_DATA)[0],
+        "safe": sys.flags.safe_path,
+        "has_ray": "ray" in sys.modules,
+    }
+
+
+def slow(value: int) -> int:
+    time.sleep(0.5)
+    return 2 * value
+
+
 @dataclass(frozen=True)
 class Adding:
     """Adds a number to a task, and reports twice meanwhile."""

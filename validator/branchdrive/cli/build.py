@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from branchdrive.cli.executor import add_executor_argument, executor_of
 from branchdrive.cli.place import folder, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
@@ -82,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     work = parser.add_argument_group("how to work")
     work.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    add_executor_argument(work)
     work.add_argument("--format", choices=("text", "json"), default="text", help="what to print (default: text)")
 
 
@@ -94,7 +96,6 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     from branchdrive.release.builder import build_release
     from branchdrive.release.stage import BuildOptions
-    from branchdrive.runtime.executor import isolated
 
     stages = tuple(args.stage or _STAGES)
     if args.no_leakage:
@@ -111,7 +112,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             stages=stages,
             drop_leakage=args.no_leakage,
             options=options,
-            executor=isolated(args.jobs),
+            executor=executor_of(args),
             progress=lambda stage, done, total, note: show(done, total, f"{stage} {note}".strip()),
         )
         if upload:

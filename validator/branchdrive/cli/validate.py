@@ -10,12 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
+from branchdrive.cli.executor import add_executor_argument, executor_of
 from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
-from branchdrive.cli.place import local, place
+from branchdrive.cli.place import folder, local, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.media import MEDIA_MODES
+from branchdrive.errors import UsageError
 
 SUMMARY = "check a dataset against the specification"
 ORDER = 80
@@ -31,6 +33,14 @@ def at_least(low: int) -> Callable[[str], int]:
         return value
 
     return parse
+
+
+def share(text: str) -> float:
+    """A share from 0 to 1; `argparse` names this function in its messages."""
+    value = float(text)
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not from 0 to 1")
+    return value
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verdict.add_argument("--strict", action="store_true", help="exit 1 where a diagnostic or a recommendation fails")
     reading = parser.add_argument_group("how to read")
     reading.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
+    add_executor_argument(reading)
     reading.add_argument(
         "--dataset-memory", metavar="GIB", type=at_least(1),
         help="memory of a process that judges the whole dataset, in GiB, where the specification's limit is too little "
@@ -76,23 +87,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="look into a collection that runs or was cut off: validate what it has finished so far",
     )
     add_link_arguments(reading)
+    cache = parser.add_argument_group("what to take from earlier runs")
+    cache.add_argument(
+        "--cache", metavar="FOLDER", type=folder,
+        help="take what an earlier run judged of equal files with this code, these libraries and options, and keep "
+        "what this one does; the folder is yours alone, and the report says how much was taken",
+    )  # fmt: skip
+    cache.add_argument(
+        "--recheck", metavar="SHARE", type=share, default=0.0,
+        help="judge this share of what could be taken again, another one every day, and fail with exit code 4 where it "
+        "differs (default: 0)",
+    )  # fmt: skip
+    cache.add_argument(
+        "--cache-size", metavar="GIB", type=at_least(1), default=16,
+        help="size of the cache after the run, in GiB; what was not used for longest goes first (default: 16)",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Validate and print the report; the exit code is the verdict's."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: each has one core
     from branchdrive.cli.text import render_report
+    from branchdrive.engine.cache import Cache
     from branchdrive.engine.validate import validate
     from branchdrive.engine.waiver import load_waivers
     from branchdrive.formats.durable import replace_file
-    from branchdrive.runtime.executor import isolated
     from branchdrive.writer.staging import snapshot
 
+    if args.recheck and args.cache is None:
+        raise UsageError("`--recheck` judges again what is taken from a cache; name one with `--cache`")
     written = outputs(args.output)
     for output in written:
         for root in (args.dataset, args.raw):
             check_output(output.path, outside=root)
     waivers = load_waivers(args.waivers) if args.waivers else ()
+    cache = None
+    if args.cache is not None:
+        cache = Cache(args.cache, recheck=args.recheck, max_bytes=args.cache_size << 30)
     with ExitStack() as stack:
         root = stack.enter_context(snapshot(local(args.dataset, "--staging"))) if args.staging else args.dataset
         progress = stack.enter_context(progress_bar(stderr, "validating shards"))
@@ -108,8 +139,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             strict=args.strict,
             follow_links=args.follow_links,
             allow=args.allow,
-            executor=isolated(args.jobs),
+            executor=executor_of(args),
             dataset_memory_bytes=None if args.dataset_memory is None else args.dataset_memory << 30,
+            cache=cache,
             progress=progress,
         )
     if args.staging:

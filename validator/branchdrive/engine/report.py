@@ -11,6 +11,7 @@ from branchdrive.contract.media import MEDIA_MODES, MediaMode
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted, listed, quote
+from branchdrive.engine.cache import CacheUse
 from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.response_summary import ResponseSummary
@@ -98,6 +99,7 @@ class Report:
         response: What interventions did; ``None`` where the funnel is.
         population: The stored population of a release by partition; ``None`` without one that recomputes.
         errors: Failures of the tool itself.
+        cached: What earlier runs judged; ``None`` without a cache.
     """
 
     verdict: Verdict
@@ -110,6 +112,7 @@ class Report:
     waivers: tuple[WaiverOutcome, ...]
     errors: tuple[str, ...]
     validator_version: str
+    cached: CacheUse | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -178,6 +181,8 @@ class Report:
             lines.append(f"{counted(num_waived, 'violation')} of {counted(len(waived), 'rule')} waived")
         if self.options.require_groups is not None:
             lines.append(f"at least {counted(self.options.require_groups, 'group')} required to qualify")
+        if self.cached is not None:
+            lines += self.cached.conditions(self.dataset.num_shards)
         if self.options.is_strict:
             lines.append("diagnostics and recommendations required to hold")
         return tuple(line for line in lines if line)
@@ -272,4 +277,5 @@ class Report:
             "population_basis": None if self.population is None else POPULATION_BASIS,
             "waivers": [outcome.to_json() for outcome in self.waivers],
             "errors": list(self.errors),
+            "cached": None if self.cached is None else self.cached.to_json(),
         }

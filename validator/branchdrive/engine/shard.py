@@ -92,6 +92,7 @@ class ShardResult(ShardFacts):
         funnel: How far its groups get.
         frames: Frames for the derived layers that are in the spool, under the name of the shard.
         no_frames: Why there are none.
+        is_failed: Whether a rule failed on it, asked for or not.
     """
 
     tallies: Tallies = field(default_factory=Tallies)
@@ -99,6 +100,7 @@ class ShardResult(ShardFacts):
     funnel: Funnel = field(default_factory=Funnel)
     frames: tuple[str, ...] = ()
     no_frames: str = "the raw layer could not be read"
+    is_failed: bool = False
 
     def leave_out(self, reason: str | None, selected: frozenset[str]) -> None:
         """Judge none of its rows, for a reason that every rule on rows then has."""
@@ -241,6 +243,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
         split_groups=task.split_groups,
     )
     result.tallies = Tallies({rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected})
+    result.is_failed = any(tally.errors for tally in tallies.values())
     result.funnel = examination.funnel
     result.judged = {
         rule_id: (tally.num_findings, tally.examined)
@@ -270,7 +273,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.split_groups)
     if broken:
         result.no_frames = f"the raw layer breaks {broken[0]}"
-    elif any(tally.errors for tally in tallies.values()):
+    elif result.is_failed:
         result.no_frames = "a rule on the raw layer failed"
     else:
         for name, frame in raw_rows_of(view, examination).items():

@@ -10,6 +10,7 @@ import pickle
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Spool", "SpooledFrames", "SpooledTables", "spooled_table"]
 
 
+@dataclass(frozen=True)
 class Spool:
     """A folder of named values.
 
@@ -34,8 +36,7 @@ class Spool:
         folder: Where they lie.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    folder: Path
 
     @classmethod
     @contextmanager

@@ -120,6 +120,9 @@ class Tallies(Mapping[str, Tally]):
         self._numbers = np.array(numbers, np.int64).reshape(len(numbers), 4)
         self._others = {t.rule_id: t for t in every if t.findings or t.unjudged or t.is_exceeded or t.errors}
 
+    def __repr__(self) -> str:
+        return f"Tallies({ {**self} })"
+
     def __len__(self) -> int:
         return len(self._rules)
 

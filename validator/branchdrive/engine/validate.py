@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from datetime import date
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from branchdrive.contract.columns import STREAMS
@@ -20,6 +18,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
+from branchdrive.engine.cache import Cache, CacheUse, caching
 from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
@@ -37,10 +36,12 @@ from branchdrive.files.survey import NOT_READ, Survey, take_survey
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest
 from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.private_folder import PrivateFolder
 from branchdrive.formats.store import Store
 from branchdrive.raw.content import raw_content
 from branchdrive.raw.funnel import Funnel
 from branchdrive.runtime.executor import Executor, in_process
+from branchdrive.runtime.installation import own_version
 
 __all__ = ["judge_files", "select_rules", "validate"]
 
@@ -77,6 +78,7 @@ def validate(
     allow: Sequence[Path | str] = (),
     executor: Executor = in_process,
     dataset_memory_bytes: int | None = None,
+    cache: Cache | None = None,
     progress: Progress | None = None,
     today: date | None = None,
 ) -> Report:
@@ -97,14 +99,17 @@ def validate(
         executor: How shards are run; `branchdrive.runtime.executor.isolated` bounds memory.
         dataset_memory_bytes: Private memory of a process of it that judges the whole dataset; that of the
             specification by default. What takes more is not judged, and the verdict is at best partial.
+        cache: Where results of earlier runs are, and where those of this one are kept.
         progress: Called after every shard.
-        today: The date against which waivers expire; the current date by default.
+        today: The date against which waivers expire, and which says what of the cache is judged again; the current
+            date by default.
 
     Raises:
         UsageError: There is no dataset at `root` or `raw`, or the options contradict each other.
         DatasetError: An archive cannot be read.
         PlatformError: A store cannot be reached or refuses.
     """
+    today = today or date.today()
     selected = (select_rules(select) if select is not None else frozenset(CATALOGUE)) - select_rules(ignore)
     qualifying = {rule_id for rule_id, info in CATALOGUE.items() if info.kind in ("structure", "qualification")}
     is_whole = qualifying & set(VIEW_RULES) <= selected
@@ -112,19 +117,28 @@ def validate(
         raise UsageError(
             "`require_groups` needs the funnel, and the funnel needs every rule on rows; drop `select` and `ignore`"
         )
+    stores = [open_store(place, follow_links=follow_links, allow=allow) for place in (root, raw) if place is not None]
+    folder = stores[0]
+    use = None if cache is None else CacheUse()
+    if cache is not None and use is not None:
+        _check_cache(cache, stores, strict, hash_files and "BD-LAY-002" in selected)
+        entries = PrivateFolder.at(cache.path)
+        executor = caching(executor, entries, use, recheck=cache.recheck, day=today.toordinal())
     # Without the rule on digests, the rule on decoding checks a damaged table.
-    folder = open_store(root, follow_links=follow_links, allow=allow)
     survey = take_survey(folder, hash_files=hash_files and "BD-LAY-002" in selected)
-    source = survey if raw is None else _raw_survey(survey, open_store(raw, follow_links=follow_links, allow=allow))
+    source = survey if raw is None else _raw_survey(survey, stores[1])
     is_layered = survey.descriptor is not None and bool(survey.descriptor.derived_layers)
     with Spool.temporary() if is_layered else nullcontext() as spool:
         reading = read_dataset(source, selected, executor, progress, spool=spool, release=survey, media=media)
         derived = judge_derived(reading, selected, executor, dataset_memory_bytes)
     results, errors = reading.shards, reading.errors
+    if cache is not None and use is not None:
+        errors += use.differences
+        entries.prune(cache.max_bytes)
     read = reading.source if source is survey else survey
     whole = read.with_layers(reading.source.shards, derived.digests, derived.unreadable)
     tallies = _merge(whole, source.descriptor, results, selected, derived.tallies)
-    outcomes = apply_waivers(tallies, waivers, today or date.today())
+    outcomes = apply_waivers(tallies, waivers, today)
     funnel = Funnel()
     for result in results:
         funnel.add(result.funnel)
@@ -150,8 +164,23 @@ def validate(
         derived.population,
         tuple(outcomes),
         tuple(errors + rule_errors),
-        _own_version(),
+        own_version(),
+        use,
     )
+
+
+def _check_cache(cache: Cache, stores: Iterable[Store], strict: bool, is_hashed: bool) -> None:
+    """Refuse a cache where it cannot serve."""
+    if strict:
+        raise UsageError("a strict validation takes nothing that an earlier run judged; drop `strict` or the cache")
+    if not is_hashed:
+        raise UsageError(
+            "a cache goes by the digests of files; compare them, and leave BD-LAY-002 in, or drop the cache"
+        )
+    place = Path(cache.path).resolve()
+    for store in stores:
+        if isinstance(store, Folder) and place.is_relative_to(store.root.resolve()):
+            raise UsageError(f"the cache {str(cache.path)!r} lies inside the dataset {str(store)!r}; move it out")
 
 
 def _shown(store: Store) -> tuple[str, ...] | None:
@@ -267,11 +296,3 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
         rows=rows,
     )
-
-
-@cache
-def _own_version() -> str:
-    try:
-        return version("branchdrive")
-    except PackageNotFoundError:
-        return "unknown"

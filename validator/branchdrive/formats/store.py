@@ -15,7 +15,7 @@ from typing import BinaryIO, Literal, TypeAlias
 from branchdrive.contract.layout import unsafe_reason
 from branchdrive.errors import DatasetError
 
-__all__ = ["Entry", "Identity", "Store", "size_of"]
+__all__ = ["Entry", "Identity", "Store", "digest_of", "size_of"]
 
 Identity: TypeAlias = tuple[int, int] | str
 """Device and inode, equal for all names of one file or folder; its only name, where a place has one for each."""
@@ -134,11 +134,8 @@ class Store(ABC):
 
     def digest(self, path: str) -> str:
         """SHA-256 of a regular file, hexadecimal; errors as `open`."""
-        digest = hashlib.sha256()
         with self.open(path) as stream:
-            while piece := stream.read(_PIECE_BYTES):
-                digest.update(piece)
-        return digest.hexdigest()
+            return digest_of(stream)
 
     def _steps(self, path: str) -> list[str]:
         """Parts of a safe path.
@@ -150,6 +147,14 @@ class Store(ABC):
         if reason is not None:
             raise DatasetError(f"{self}: path {path!r} {reason}; use relative POSIX paths of plain names")
         return path.split("/")
+
+
+def digest_of(stream: BinaryIO) -> str:
+    """SHA-256 of the rest of an opened file, hexadecimal."""
+    digest = hashlib.sha256()
+    while piece := stream.read(_PIECE_BYTES):
+        digest.update(piece)
+    return digest.hexdigest()
 
 
 def size_of(stream: BinaryIO) -> int:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.context import SpawnContext
@@ -26,7 +27,7 @@ from branchdrive.errors import PlatformError
 from branchdrive.runtime.environment import import_fault, leave_out_pandas
 from branchdrive.runtime.process import array_context, exit_after
 
-__all__ = ["Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit"]
+__all__ = ["BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit"]
 
 _LOADED = (__name__, "pyarrow.parquet")
 """What workers need whatever they do with a dataset."""
@@ -86,9 +87,16 @@ def in_process(
         yield index, _attempt(function, task)
 
 
-def _prepare_process(max_bytes: int) -> None:
-    """Let an interrupt end the process at once and in silence, let it end with its parent, and bound its memory."""
+def _prepare_process(max_bytes: int, folder: str | None = None) -> None:
+    """Let an interrupt end the process at once and in silence, let it end with its parent, and bound its memory.
+
+    Args:
+        max_bytes: Private memory that it may take.
+        folder: The current folder of the one who asked, if that is another than the parent's.
+    """
     leave_out_pandas()
+    if folder is not None:
+        os.chdir(folder)
     if (parent := multiprocessing.parent_process()) is not None:
         exit_after(parent.join)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -153,8 +161,9 @@ def _loaded(module: str) -> tuple[str, ...]:
     return (*_LOADED, module) if is_ours else _LOADED
 
 
-def _pool(jobs: int, context: SpawnContext) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(jobs, context, _prepare_process, (spec_limits().max_worker_bytes,))
+def _pool(jobs: int, context: SpawnContext, folder: str | None = None) -> ProcessPoolExecutor:
+    limits = (spec_limits().max_worker_bytes,) if folder is None else (spec_limits().max_worker_bytes, folder)
+    return ProcessPoolExecutor(jobs, context, _prepare_process, limits)
 
 
 def _import(module: str) -> None:
@@ -165,9 +174,11 @@ def _import(module: str) -> None:
         raise import_fault(error, "a worker process") from error
 
 
-def _alone(function: Callable[[Task], Result], task: Task, context: SpawnContext) -> Result | Died | Failed:
+def _alone(
+    function: Callable[[Task], Result], task: Task, context: SpawnContext, folder: str | None = None
+) -> Result | Died | Failed:
     """Run one task in a process of its own, so that only its own death is seen."""
-    with _pool(1, context) as pool:
+    with _pool(1, context, folder) as pool:
         try:
             with _quiet_start():
                 first = pool.submit(_import, function.__module__)
@@ -261,3 +272,50 @@ def isolated(jobs: int) -> Executor:
 def jobs_of(executor: Executor) -> int:
     """Processes that `isolated` was given; 1 of any other executor, which may not reach this machine's disk."""
     return executor.jobs if isinstance(executor, _Isolated) else 1
+
+
+class BoundedProcess:
+    """One process with the spec's memory limit, for workers of an engine that has processes of its own.
+
+    What an engine starts has no bound, may have the current folder of others on its path, and computes in many threads.
+    So its worker keeps one of these, and hands it one task after the other.
+
+    Args:
+        folder: The current folder that relative paths of tasks are meant in.
+    """
+
+    def __init__(self, folder: str | None = None) -> None:
+        self._folder = folder
+        self._stack = ExitStack()
+        self._context: SpawnContext | None = None
+        self._pool: ProcessPoolExecutor | None = None
+
+    def run(self, function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
+        """Result of a task; one whose process dies runs again, in another one.
+
+        Raises:
+            PlatformError: The machine lacks something.
+        """
+        if self._context is None:
+            self._context = self._stack.enter_context(array_context(*_loaded(function.__module__)))
+        if self._pool is None:
+            self._pool = _pool(1, self._context, self._folder)
+        try:
+            result = self._pool.submit(_attempt, function, task).result()
+        except BrokenProcessPool:
+            result = Died()
+        if isinstance(result, Died):
+            self._end()
+            result = _alone(function, task, self._context, self._folder)
+        return result
+
+    def close(self) -> None:
+        """End the process."""
+        self._end()
+        self._stack.close()
+        self._context = None
+
+    def _end(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        self._pool = None

@@ -1,0 +1,105 @@
+"""A program that works on Ray, for tests: `python -m tests.validator.runtime.ray_program PLACE` prints what it saw."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from tests.validator.engine.datasets import DEPARTURES, write
+from tests.validator.runtime.tasks import (
+    allocate,
+    die_on_three,
+    double,
+    kill_worker_once,
+    lack,
+    raise_on_three,
+    sleep_and_tell,
+    slow,
+    where,
+)
+
+from branchdrive.engine.cache import Cache
+from branchdrive.engine.validate import validate
+from branchdrive.errors import PlatformError
+from branchdrive.runtime import ray_executor as module
+from branchdrive.runtime.executor import Executor, in_process, isolated
+
+
+def results(executor: Executor, function: Any, tasks: list[Any]) -> list[str]:
+    return [str(found)[-60:] for _, found in sorted(executor(function, tasks), key=lambda pair: pair[0])]
+
+
+def reports(executor: Executor, place: Path, name: str) -> str:
+    documents = []
+    for root in (place / "valid", place / "invalid"):
+        for cache in (None, Cache(place / "caches" / name), Cache(place / "caches" / name)):
+            document = validate(root, executor=executor, cache=cache).to_json()
+            conditions = [line for line in document["conditions"] if "earlier run" not in line]
+            documents.append({**document, "cached": None, "conditions": conditions})
+    return json.dumps(documents, sort_keys=True)
+
+
+def fault(executor: Executor, function: Any, tasks: list[Any]) -> str:
+    try:
+        return f"nothing but {list(executor(function, tasks))}"
+    except PlatformError as error:
+        return str(error)
+
+
+def one_machine(place: Path) -> dict[str, Any]:
+    """What tasks and validations become on a Ray that is started here."""
+    write(place / "valid")
+    write(place / "invalid", DEPARTURES["speed out of range"].tables())
+    executor = module.ray_executor(jobs=2)
+    found: dict[str, Any] = {
+        "double": results(executor, double, [0, 1, 2]),
+        "raise": results(executor, raise_on_three, [1, 3]),
+        "die": results(executor, die_on_three, [1, 2, 3, 4]),
+        "allocate": results(executor, allocate, [1, 5 << 30]),
+        "none": results(executor, double, []),
+        "worker killed": results(executor, kill_worker_once, [(str(place / "mark"), n) for n in range(3)]),
+        "lack": fault(executor, lack, [1, 2]),
+        "where": next(iter(executor(where, [0])))[1],
+        "reports": {
+            name: reports(one, place, name)
+            for name, one in {"in process": in_process, "pool": isolated(2), "ray": executor}.items()
+        },
+    }
+    os.chdir(place)  # relative paths are those of the driver, wherever workers are
+    found["relative"] = validate("valid", executor=executor).verdict
+    ours, module.installation_digest = module.installation_digest, lambda: "another"
+    found["other code"] = fault(executor, double, [1])
+    module.installation_digest = ours
+    return found
+
+
+def two_nodes(place: Path) -> dict[str, Any]:
+    """What becomes of tasks when one of two nodes is killed."""
+    import ray
+    from ray.cluster_utils import Cluster
+
+    os.chdir(module._private_folder())
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    node = cluster.add_node(num_cpus=1)
+    executor = module.ray_executor(cluster.address)
+    list(executor(double, list(range(8))))
+    threading.Timer(1.0, cluster.remove_node, [node], {"allow_graceful": False}).start()
+    found = results(executor, slow, list(range(12)))
+    ray.shutdown()
+    cluster.shutdown()
+    return {"node killed": found}
+
+
+def waiting(place: Path) -> dict[str, Any]:
+    """Wait for a task that does not end."""
+    list(module.ray_executor(jobs=1)(sleep_and_tell, [str(place)]))
+    return {}
+
+
+if __name__ == "__main__":
+    what = {"one-machine": one_machine, "two-nodes": two_nodes, "waiting": waiting}[sys.argv[1]]
+    Path(sys.argv[3]).write_text(json.dumps(what(Path(sys.argv[2]))))

@@ -1,0 +1,348 @@
+"""What an earlier run found out, taken instead of being found out again: an executor around an executor.
+
+A result is kept under a digest of all that it depends on: the bytes of its files, the descriptor, rules, options and
+limits, what the rest of the dataset repeats, the code of this package with its schemas, and the libraries. So an entry
+never goes stale; it is only never asked for again. Workers look into the cache, and digest the files for that; what is
+kept is of the bytes that were judged, and of no task that failed, died, or met a file that cannot be read.
+
+Source: spec/07-rules.md#report.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.text import counted
+from branchdrive.engine.derived_rules import LayersResult, LayersTask
+from branchdrive.engine.shard import ShardResult, ShardTask, spooled_name
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.stored_result import from_bytes, to_bytes
+from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.private_folder import DamagedError, PrivateFolder
+from branchdrive.formats.store import digest_of, size_of
+from branchdrive.runtime.executor import Executor
+from branchdrive.runtime.installation import installation_digest, own_version
+from branchdrive.statistics.random_words import uniforms, words
+
+__all__ = ["Cache", "CacheUse", "caching"]
+
+_STREAM = "cache/recheck/"
+"""Streams of random words that say what is judged again: one for each entry, seeded with the day."""
+
+
+@dataclass(frozen=True)
+class Cache:
+    """Where results are kept, and how far they are believed.
+
+    Attributes:
+        path: A folder of one's own, which is made where it is missing.
+        recheck: Share of the results taken that are judged again.
+        max_bytes: What may lie there when a run is over; what was not used for longest goes first.
+
+    Raises:
+        UsageError: The share is none.
+    """
+
+    path: Path | str
+    recheck: float = 0.0
+    max_bytes: int = 16 << 30
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.recheck <= 1:
+            raise UsageError(f"`recheck` is {self.recheck!r}, not a share from 0 to 1")
+
+
+@dataclass
+class CacheUse:
+    """What a run took of a cache.
+
+    Attributes:
+        shards: Folders of the shards that an earlier run judged.
+        num_layer_tasks: Tasks on derived layers that one judged.
+        versions: Versions of the validator that judged them.
+        num_rechecked: How many of both were judged again.
+        num_damaged: Entries that could not be read; what they held was judged anew.
+        differences: Entries that are not what judging again gives.
+    """
+
+    shards: set[str] = field(default_factory=set)
+    num_layer_tasks: int = 0
+    versions: set[str] = field(default_factory=set)
+    num_rechecked: int = 0
+    num_damaged: int = 0
+    differences: list[str] = field(default_factory=list)
+
+    def conditions(self, num_shards: int) -> Iterator[str]:
+        """What of it the verdict depends on, one line each.
+
+        Args:
+            num_shards: Shards of the dataset.
+        """
+        if self.shards or self.num_layer_tasks:
+            by = f"judged by an earlier run of version {', '.join(sorted(self.versions))}"
+            again = f"; {self.num_rechecked:,} of these judged again" if self.num_rechecked else ""
+            layers = f" and {counted(self.num_layer_tasks, 'task')} on derived layers" if self.num_layer_tasks else ""
+            yield f"{len(self.shards)} of {counted(num_shards, 'shard')}{layers} {by}{again}"
+        if self.num_damaged:
+            yield f"{counted(self.num_damaged, 'damaged file')} in the cache, whose tasks were judged anew"
+
+    def to_json(self) -> dict[str, Any]:
+        """The use as the report schema has it."""
+        return {
+            "shards": len(self.shards),
+            "layer_tasks": self.num_layer_tasks,
+            "versions": sorted(self.versions),
+            "rechecked": self.num_rechecked,
+            "damaged": self.num_damaged,
+        }
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A task, and where its result may be found.
+
+    Attributes:
+        function: What gives the result.
+        task: Of a shard, of derived layers, or another one.
+        folder: Where results are kept.
+        recheck: Share of what is taken that is judged again.
+        day: Seed of the draw of what is judged again.
+        key: Digest of all that the result depends on beside files of a shard; ``None`` where that is not known.
+    """
+
+    function: Callable[[Any], Any]
+    task: Any
+    folder: PrivateFolder
+    recheck: float
+    day: int
+    key: str | None
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """A result with where it came from.
+
+    Attributes:
+        result: The result.
+        key: Its key; ``None`` where it may not be kept.
+        version: Version of the validator that gave it in an earlier run; ``None`` if this run did.
+        is_damaged: Whether there was an entry that could not be read.
+        is_rechecked: Whether there was one, and this run judged again.
+        difference: How the two differ.
+    """
+
+    result: Any
+    key: str | None = None
+    version: str | None = None
+    is_damaged: bool = False
+    is_rechecked: bool = False
+    difference: str | None = None
+
+
+def caching(executor: Executor, folder: PrivateFolder, use: CacheUse, *, recheck: float, day: int) -> Executor:
+    """Executor that runs by another one what is not in the cache.
+
+    Args:
+        executor: What runs tasks; where it does so on another machine, the cache may be missing there.
+        folder: Where results are kept.
+        use: Is told what was taken.
+        recheck: Share of what is taken that is judged again.
+        day: Number of the day; on each, others are judged again.
+    """
+    keys = _Keys(installation_digest())
+
+    def run(function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
+        if not any(map(_may_keep, tasks)):
+            yield from executor(function, tasks)
+            return
+        wrapped = [_Task(function, task, folder, recheck, day, keys.of(task)) for task in tasks]
+        for index, outcome in executor(_judge_once, wrapped):
+            if isinstance(outcome, _Outcome):
+                note(tasks[index], outcome)
+                yield index, outcome.result
+            else:
+                yield index, outcome
+
+    def note(task: Any, outcome: _Outcome) -> None:
+        if isinstance(task, ShardTask):
+            keys.note(task, outcome.key)
+            use.shards.discard(task.folder)  # where it is judged once more, the last time counts
+            use.shards |= {task.folder} if outcome.version else set()
+        else:
+            use.num_layer_tasks += outcome.version is not None
+        use.versions |= {outcome.version} if outcome.version else set()
+        use.num_rechecked += outcome.is_rechecked
+        use.num_damaged += outcome.is_damaged
+        use.differences += [outcome.difference] if outcome.difference else []
+
+    return run
+
+
+def _may_keep(task: Any) -> bool:
+    """Whether a task is of a kind whose results are kept: parts of a post mortem are not."""
+    is_shard = isinstance(task, ShardTask) and task.descriptor is not None and task.is_hashed and bool(task.selected)
+    return is_shard or isinstance(task, LayersTask)
+
+
+class _Keys:
+    """Keys of tasks, as far as they do not depend on files.
+
+    Args:
+        installation: Digest of code and libraries.
+    """
+
+    def __init__(self, installation: str) -> None:
+        self._installation = installation
+        self._of_shards: dict[tuple[Spool | None, str], str | None] = {}
+        self._known: dict[int, tuple[Any, str]] = {}
+
+    def note(self, task: ShardTask, key: str | None) -> None:
+        """Learn the key of a shard; ``None`` where its result may not be kept."""
+        self._of_shards[task.spool, spooled_name(task.folder)] = key
+
+    def of(self, task: Any) -> str | None:
+        """Key of a task, as far as it is known here; ``None`` where its result is not kept."""
+        if not _may_keep(task):
+            return None
+        if isinstance(task, ShardTask):
+            about = self._plain(task, leave_out=("dataset", "files", "spool"))
+            return _digest({"about": about, "rows": task.spool is not None, "by": self._installation})
+        raw = [self._of_shards.get((task.spool, shard)) for shard in task.raw.shards]
+        if None in raw or not {*task.names} <= task.digests.keys():
+            return None
+        return _digest({"about": self._plain(task, leave_out=("spool",)), "rows": raw, "by": self._installation})
+
+    def _plain(self, value: Any, leave_out: Sequence[str] = ()) -> Any:
+        """A part of a task as JSON: equal for equal values, and different for others."""
+        if isinstance(value, BaseModel):  # one for all tasks
+            if id(value) not in self._known:
+                self._known[id(value)] = value, _digest(value.model_dump(mode="json"))
+            return self._known[id(value)][1]
+        if is_dataclass(value):
+            return {
+                one.name: self._plain(getattr(value, one.name)) for one in fields(value) if one.name not in leave_out
+            }
+        if isinstance(value, Mapping):
+            return [[key, self._plain(value[key])] for key in sorted(value)]
+        if isinstance(value, frozenset):
+            return sorted(value)
+        return value
+
+
+def _shard_key(about: str, digests: Mapping[str, str]) -> str:
+    """Key of a shard.
+
+    Args:
+        about: Its key as far as it does not depend on files.
+        digests: SHA-256 of each of its files, by path.
+    """
+    return _digest([about, sorted(digests.items())])
+
+
+def _digest(about: Any) -> str:
+    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
+
+
+def _judge_once(once: _Task) -> _Outcome:
+    """Result of a task: from the cache, or from its function and then kept."""
+    task = once.task
+    key, digests = once.key, None
+    if key is not None and isinstance(task, ShardTask):
+        digests = _digests(task)
+        key = None if digests is None else _shard_key(key, digests)
+    if key is None:
+        return _Outcome(once.function(task))
+    folder, is_damaged, kept = once.folder, False, None
+    try:
+        content = folder.get(key)
+        kept = None if content is None else _kept(content, task)
+    except (DamagedError, ValueError):
+        is_damaged = True
+    is_drawn = kept is not None and _is_drawn(once, key)
+    if kept is not None and not is_drawn:
+        for name, frame in kept["rows"].items():
+            task.spool.put(name, frame)
+        return _Outcome(kept["result"], key, kept["version"])
+    result = once.function(task)
+    if not _is_sound(result, digests):
+        return _Outcome(result, is_damaged=is_damaged)
+    value = {"version": own_version(), "result": result, "rows": _rows(task, result)}
+    if kept is None:
+        folder.put(key, to_bytes(value))
+        return _Outcome(result, key, is_damaged=is_damaged)
+    parts = _differing(kept, value)
+    where = (
+        f"{task.folder if isinstance(task, ShardTask) else 'derived layers'}: entry {key} of the cache {folder.path}"
+    )
+    advice = "it differs from what judging again gives; remove it, and judge without a cache what rests on it"
+    difference = f"{where} has other {', '.join(parts)}: {advice}" if parts else None
+    return _Outcome(result, key, kept["version"], is_rechecked=True, difference=difference)
+
+
+def _kept(content: bytes, task: Any) -> dict[str, Any]:
+    """What an entry holds.
+
+    Raises:
+        ValueError: It is no result of such a task.
+    """
+    value = from_bytes(content)
+    kind = ShardResult if isinstance(task, ShardTask) else LayersResult
+    if not isinstance(value, dict) or value.keys() != {"version", "result", "rows"}:
+        raise ValueError("no entry of a cache")
+    if not (isinstance(value["version"], str) and isinstance(value["rows"], dict) and type(value["result"]) is kind):
+        raise ValueError(f"no entry with a {kind.__name__}")
+    return value
+
+
+def _digests(task: ShardTask) -> dict[str, str] | None:
+    """Digest of each file of a shard; ``None`` where one cannot be read or is too large."""
+    found = {}
+    for path in task.files:
+        limits = spec_limits()
+        max_bytes = limits.max_table_bytes if path.endswith(".parquet") else limits.max_media_bytes
+        try:
+            with task.dataset.open(path) as stream:
+                if size_of(stream) > max_bytes:
+                    return None
+                found[path] = digest_of(stream)
+        except (DatasetError, OSError):
+            return None
+    return found
+
+
+def _is_drawn(once: _Task, key: str) -> bool:
+    """Whether a result that could be taken is judged again, today."""
+    return bool(uniforms(words(once.day, f"{_STREAM}{key}", 1, 1))[0, 0] < once.recheck)
+
+
+def _is_sound(result: Any, digests: Mapping[str, str] | None) -> bool:
+    """Whether a result may be kept: nothing failed, all could be read, and the files were what they were before."""
+    if isinstance(result, LayersResult):
+        return not any(tally.errors or tally.is_exceeded for tally in result.tallies.values())
+    if not isinstance(result, ShardResult) or result.is_failed or result.digests != digests:
+        return False
+    return not (result.unreadable or result.undecodable or result.over_limit)
+
+
+def _rows(task: Any, result: Any) -> dict[str, Any]:
+    """What a shard put into its spool, by the name there."""
+    if not isinstance(task, ShardTask) or task.spool is None:
+        return {}
+    names = [f"{spooled_name(task.folder)}.{frame}" for frame in result.frames]
+    return {name: task.spool.get(name) for name in names}
+
+
+def _differing(kept: Mapping[str, Any], value: Mapping[str, Any]) -> list[str]:
+    """Parts of a result that are others than in an entry; none where all are equal, to the last bit."""
+    one, other = kept["result"], value["result"]
+    names = [part.name for part in fields(one)]
+    found = [name for name in names if to_bytes(getattr(one, name)) != to_bytes(getattr(other, name))]
+    return found + ["rows for derived layers"] * (to_bytes(kept["rows"]) != to_bytes(value["rows"]))
