@@ -74,7 +74,7 @@ def test_every_value_comes_back(name: str) -> None:
     found = from_bytes(content)
     assert type(found) is type(VALUES[name])
     assert to_bytes(found) == content
-    assert repr(found) == repr(VALUES[name])
+    assert repr(found) == repr(VALUES[name]) or (name == "sets" and found == VALUES[name])  # whose order is nobody's
 
 
 def test_arrays_keep_types_and_may_be_written_to() -> None:
