@@ -201,8 +201,10 @@ def lowest_versions() -> tuple[str, ...]:
     declared, extras = list(project["dependencies"]), list(LOWEST_EXTRAS)
     for extra in extras:  # it grows by the extras that extras name
         for requirement in project["optional-dependencies"][extra]:
-            of_its_own = re.fullmatch(r"branchdrive\[([\w-]+)\]", requirement)
-            (declared if of_its_own is None else extras).append(requirement if of_its_own is None else of_its_own[1])
+            if (of_its_own := re.fullmatch(r"branchdrive\[([\w,-]+)\]", requirement)) is not None:
+                extras += of_its_own[1].split(",")
+            else:
+                declared.append(requirement)
     bounds = dict(re.fullmatch(r"([\w-]+)>=([\d.]+)", requirement).groups() for requirement in declared)  # type: ignore[union-attr]
     lowest = tuple(f"{name}=={bound}" for name, bound in sorted(bounds.items()) if name not in NO_LOWEST)
     return (*lowest, *OF_THEIR_TIME)

@@ -20,8 +20,14 @@ def banks(*failing: int, num_pairs: int = 12) -> Any:
     return np.arange(num_pairs) >= np.array(failing)[:, None]
 
 
-def of_train(passed: Any, seed: int = 1, **others: Any) -> tuple[Retention, ...]:
-    return retention(passed, ["train"] * len(passed), partitions=["train"], seed=seed, **others)
+def counts_of(passed: Any, counted: Any = True) -> Any:
+    """Pairs of groups that pass and count, and that count."""
+    counts = np.broadcast_to(counted, passed.shape)
+    return np.stack([(passed & counts).sum(axis=1), counts.sum(axis=1)], axis=1)
+
+
+def of_train(passed: Any, seed: int = 1, counted: Any = True) -> tuple[Retention, ...]:
+    return retention(counts_of(passed, counted), ["train"] * len(passed), partitions=["train"], seed=seed)
 
 
 def test_the_protocol() -> None:
@@ -56,13 +62,13 @@ def test_pairs_meet_their_target_at_its_value() -> None:
 
 
 def test_a_partition_without_groups_is_no_pass() -> None:
-    pair, bank = retention(banks(0), ["train"], partitions=["val"], seed=0)
+    pair, bank = retention(counts_of(banks(0)), ["train"], partitions=["val"], seed=0)
     for found in (pair, bank):
         assert (found.num_units, found.share, found.low, found.high, found.met) == (0, None, None, None, None)
 
 
 def test_partitions_are_reported_in_the_order_that_was_asked_for() -> None:
-    found = retention(banks(0, 1, 2), ["val", "train", "spare"], partitions=["train", "val", "test"], seed=0)
+    found = retention(counts_of(banks(0, 1, 2)), ["val", "train", "spare"], partitions=["train", "val", "test"], seed=0)
     assert [row.unit for row in found] == ["pair", "bank"] * 3
     places = [(row.partition, row.num_groups) for row in found]
     assert places[0::2] == places[1::2] == [("train", 1), ("val", 1), ("test", 0)]
@@ -73,7 +79,10 @@ def test_neither_order_nor_other_partitions_change_anything(failing: list[int], 
     expected = of_train(banks(*failing), seed)
     shuffled = random.Random(seed).sample(failing, len(failing))
     mixed = retention(
-        banks(*shuffled, 5, 6), ["train"] * len(failing) + ["val"] * 2, partitions=["val", "train"], seed=seed
+        counts_of(banks(*shuffled, 5, 6)),
+        ["train"] * len(failing) + ["val"] * 2,
+        partitions=["val", "train"],
+        seed=seed,
     )
     assert mixed[2:] == expected
     assert of_train(banks(*failing), seed) == expected
@@ -83,9 +92,8 @@ def test_seed_and_partition_choose_the_resamples() -> None:
     passed = banks(*range(13), *range(0, 13, 2), *range(0, 13, 3))
     intervals = {of_train(passed, seed)[0].low for seed in range(5)}
     assert len(intervals) > 1
-    a, _, b, _ = retention(
-        np.concatenate([passed, passed]), ["a"] * len(passed) + ["b"] * len(passed), partitions=["a", "b"], seed=1
-    )
+    homes = ["a"] * len(passed) + ["b"] * len(passed)
+    a, _, b, _ = retention(counts_of(np.concatenate([passed, passed])), homes, partitions=["a", "b"], seed=1)
     assert (a.share, a.num_units) == (b.share, b.num_units)
     assert (a.low, a.high) != (b.low, b.high)
 
@@ -126,8 +134,8 @@ def test_pairs_that_do_not_count_cannot_fail_a_bank() -> None:
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "partitions": ({"partition_of": ["train"]}, "1 partitions do not match"),
-    "counted": ({"counted": np.ones((2, 11), bool)}, r"`counted` \[2, 11\]"),
-    "nothing counted": ({"counted": [[True] * 12, [False] * 12]}, "a group counts no pair"),
+    "counts": ({"counts": np.ones((2, 3), int)}, r"`counts` \[2, 3\]"),
+    "nothing counted": ({"counts": [[12, 12], [0, 0]]}, "a group counts no pair"),
     "seed too large": ({"seed": 2**64}, "`seed` is 18446744073709551616"),
     "seed negative": ({"seed": -1}, "`seed` is -1"),
 }
@@ -136,9 +144,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", WRONG)
 def test_wrong_arguments_are_refused(case: str) -> None:
     change, message = WRONG[case]
-    arguments: dict[str, Any] = {"partition_of": ["train"] * 2, "partitions": ["train"], "seed": 0, **change}
+    arguments: dict[str, Any] = {"counts": counts_of(banks(0, 1)), "partition_of": ["train"] * 2, **change}
     with pytest.raises(ValueError, match=message):
-        retention(banks(0, 1), **arguments)
+        retention(**{"partitions": ["train"], "seed": 0, **arguments})
 
 
 def test_an_interval_follows_from_words_in_whole_numbers() -> None:

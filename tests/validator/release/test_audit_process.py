@@ -137,7 +137,7 @@ def ended(_: Any, numbers: range) -> None:
     raise MemoryError
 
 
-@pytest.mark.parametrize(("function", "text"), [(refused, "ValueError: not 3"), (ended, "give it more memory")])
+@pytest.mark.parametrize(("function", "text"), [(refused, "ValueError: not 3"), (ended, "more memory than there is")])
 def test_a_range_that_is_not_drawn_is_told(function: Any, text: str, tmp_path: Path) -> None:
     draw = SpreadDraw(Spool(tmp_path), in_process)
     with pytest.raises(ToolError, match=text):

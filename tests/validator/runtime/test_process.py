@@ -33,7 +33,9 @@ if __name__ == "__main__":
     print(report.exit_code, len(report.errors))
 """
 
-STARTS = re.compile(r"get_context|sys\.executable|\bProcess\(|set_start_method|os\.(fork|exec|spawn|system|popen)")
+STARTS = re.compile(
+    r"get_context|sys\.executable|(?<!Bounded)Process\(|set_start_method|os\.(fork|exec|spawn|system|popen)"
+)
 """What starts a process, or says how."""
 
 

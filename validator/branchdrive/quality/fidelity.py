@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.driving.discrepancy import CORE
 from branchdrive.quality.partition import PARTITIONS, assignment_of
-from branchdrive.quality.retention import NUM_RESAMPLES, retention_of_counts
+from branchdrive.quality.retention import NUM_RESAMPLES, retention
 from branchdrive.quality.threshold import (
     FLOORS,
     QUANTILE,
@@ -254,7 +254,7 @@ def retention_document_of(
     present = [name for name in PARTITIONS if name in {*homes}]
     found = []
     for place, criterion in enumerate(CRITERIA if len(homes) else ()):
-        rows_of = retention_of_counts(counts[:, [place, -1]], homes, partitions=present, seed=seed)
+        rows_of = retention(counts[:, [place, -1]], homes, partitions=present, seed=seed)
         found += [{"criterion": criterion, **row._asdict(), "met": row.met} for row in rows_of]
     return {
         "seed": seed,

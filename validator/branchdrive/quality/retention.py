@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from branchdrive.statistics.random_words import below, words
 
-__all__ = ["NUM_RESAMPLES", "TARGET_SHARES", "Retention", "retention", "retention_of_counts"]
+__all__ = ["NUM_RESAMPLES", "TARGET_SHARES", "Retention", "retention"]
 
 NUM_RESAMPLES = 2000
 
@@ -67,56 +67,28 @@ class Retention(NamedTuple):
 
 
 def retention(
-    passed: ArrayLike,
-    partition_of: Sequence[str],
-    *,
-    partitions: Sequence[str],
-    seed: int,
-    counted: ArrayLike | None = None,
+    counts: ArrayLike, partition_of: Sequence[str], *, partitions: Sequence[str], seed: int
 ) -> tuple[Retention, ...]:
-    """Retention of pairs and banks in each of `partitions`, in their order, pairs first.
+    """Retention of pairs and banks in each of `partitions`, in their order, pairs first; groups in any order.
 
     Args:
-        passed: ``[groups, pairs]``, whether a pair passes.
+        counts: Pairs that pass, and pairs that count ``[groups, 2]``.
         partition_of: Partition of each group ``[groups]``; groups of other partitions are left out.
         partitions: Partitions to report, those without a group included.
         seed: Part of the key, in ``[0, 2^64)``.
-        counted: ``[groups, pairs]``, the pairs that count; all of them by default. Every group counts one.
 
     Raises:
         ValueError: Shapes do not match, a group counts no pair, or the seed does not fit the key.
     """
-    passes = np.asarray(passed, np.bool_)
-    counts = np.ones_like(passes) if counted is None else np.asarray(counted, np.bool_)
-    if passes.ndim != 2 or counts.shape != passes.shape or len(partition_of) != len(passes):
-        raise ValueError(
-            f"`passed` {list(passes.shape)}, `counted` {list(counts.shape)} and {len(partition_of)} partitions "
-            "do not match: [groups, pairs] and [groups]"
-        )
-    if not counts.any(axis=1).all():
+    rows = np.asarray(counts, np.int64)
+    if rows.shape != (len(partition_of), 2):
+        raise ValueError(f"`counts` {list(rows.shape)} and {len(partition_of)} partitions do not match: [groups, 2]")
+    if not rows[:, 1].all():
         raise ValueError("a group counts no pair; leave it out")
-    rows = np.stack([(passes & counts).sum(axis=1), counts.sum(axis=1)], axis=1)
-    return retention_of_counts(rows, partition_of, partitions=partitions, seed=seed)
-
-
-def retention_of_counts(
-    counts: NDArray[np.int64], partition_of: Sequence[str], *, partitions: Sequence[str], seed: int
-) -> tuple[Retention, ...]:
-    """What `retention` gives for groups, in any order, with so many pairs that pass and that count.
-
-    Args:
-        counts: Pairs that pass, and pairs that count, at least one ``[groups, 2]``.
-        partition_of: Partition of each group ``[groups]``.
-        partitions: Partitions to report.
-        seed: Part of the key.
-
-    Raises:
-        ValueError: The seed does not fit the key.
-    """
     if not 0 <= seed < 1 << 64:
         raise ValueError(f"`seed` is {seed}, not in [0, 2^64)")
     home = np.asarray(partition_of, np.str_)
-    return tuple(found for name in partitions for found in _of_partition(counts[home == name], name, seed))
+    return tuple(found for name in partitions for found in _of_partition(rows[home == name], name, seed))
 
 
 def _of_partition(rows: NDArray[np.int64], name: str, seed: int) -> list[Retention]:

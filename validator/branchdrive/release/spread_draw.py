@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.spool import Spool
-from branchdrive.errors import ToolError
-from branchdrive.runtime.executor import Died, Executor, Failed, memory_limit
+from branchdrive.runtime.executor import Executor, memory_limit, results_of
 
 __all__ = ["SpreadDraw"]
 
@@ -58,11 +57,4 @@ class SpreadDraw:
         self._num_subjects += 1
         self._spool.put(name, subject)
         tasks = [_DrawTask(self._spool, name, function, numbers) for numbers in ranges]
-        found: dict[int, Drawn] = {}
-        for index, outcome in self._executor(_drawn, tasks):
-            if isinstance(outcome, Failed):
-                raise ToolError(f"the leakage audit failed ({outcome.message.rsplit(chr(10), 1)[-1].strip()})")
-            if isinstance(outcome, Died):
-                raise ToolError("a process of the leakage audit died; give it more memory, or use fewer `--jobs`")
-            found[index] = outcome
-        return [found[index] for index in range(len(tasks))]
+        return results_of(self._executor, _drawn, tasks, "a draw of the leakage audit")

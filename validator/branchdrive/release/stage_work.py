@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.layer import LAYERS
-from branchdrive.errors import ToolError
 from branchdrive.release.built_layers import BuiltLayers, StoredFile, TableStore
 from branchdrive.release.scan import RawScan
-from branchdrive.runtime.executor import Died, Executor, Failed, in_process
+from branchdrive.runtime.executor import Executor, in_process, results_of
 from branchdrive.tables.frame import Frame, num_rows, take
 
 __all__ = ["MAX_GROUPS_HERE", "StageWork", "in_parts"]
@@ -58,20 +57,9 @@ class StageWork:
         Raises:
             ToolError: A task failed, or took more memory than there is.
         """
-        results: dict[int, Result] = {}
         is_small = len(self.scan.parts) == 1 and self.scan.num_groups <= MAX_GROUPS_HERE
         executor = in_process if is_small else self.executor
-        for index, outcome in executor(function, tasks):
-            if isinstance(outcome, Failed):
-                reason = outcome.message.rsplit("\n", 1)[-1].strip()
-                raise ToolError(f"{self.scan.dataset}: the tool failed in `{function.__name__}` ({reason})")
-            if isinstance(outcome, Died):
-                raise ToolError(
-                    f"{self.scan.dataset}: `{function.__name__}` took more memory than there is; stop other programs "
-                    "or use fewer `--jobs`, and run the same command again"
-                )
-            results[index] = outcome
-        return [results[index] for index in range(len(tasks))]
+        return results_of(executor, function, tasks, f"{self.scan.dataset}: `{function.__name__}` of the tool")
 
 
 def in_parts(frame: Frame, numbers: NDArray[np.int64], count: int) -> list[Frame]:

@@ -23,11 +23,13 @@ from typing import Protocol, TypeVar
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import failure_text
-from branchdrive.errors import PlatformError
+from branchdrive.errors import PlatformError, ToolError
 from branchdrive.runtime.environment import import_fault, leave_out_pandas
 from branchdrive.runtime.process import array_context, exit_after
 
-__all__ = ["BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit"]
+__all__ = [
+    "BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit", "results_of",
+]  # fmt: skip
 
 _LOADED = (__name__, "pyarrow.parquet")
 """What workers need whatever they do with a dataset."""
@@ -46,6 +48,11 @@ class Failed:
     """The tool failed on a task, for no reason in the data: an exception, or no process to be had."""
 
     message: str
+
+    @property
+    def reason(self) -> str:
+        """Its last line, which names the exception."""
+        return self.message.rsplit("\n", 1)[-1].strip()
 
 
 class Executor(Protocol):
@@ -77,6 +84,33 @@ def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Died | 
         raise import_fault(error, "this command") from error
     except Exception:  # it must not hide the results of the other tasks
         return Failed(failure_text(function.__name__))
+
+
+def results_of(
+    executor: Executor, function: Callable[[Task], Result], tasks: Sequence[Task], what: str
+) -> list[Result]:
+    """Results of tasks all of which are needed, in their order.
+
+    Args:
+        executor: How they are run.
+        function: What is done with each.
+        tasks: The tasks.
+        what: What cannot be done without one of them, as errors name it.
+
+    Raises:
+        ToolError: A task failed, or took more memory than there is.
+    """
+    results: dict[int, Result] = {}
+    for index, outcome in executor(function, tasks):
+        if isinstance(outcome, Failed):
+            raise ToolError(f"{what} failed ({outcome.reason})")
+        if isinstance(outcome, Died):
+            raise ToolError(
+                f"{what} took more memory than there is; stop other programs or use fewer `--jobs`, and run the same "
+                "command again"
+            )
+        results[index] = outcome
+    return [results[index] for index in range(len(tasks))]
 
 
 def in_process(
