@@ -6,14 +6,14 @@ are compared; where two are equal, the texts are.
 
 from __future__ import annotations
 
-import hashlib
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import compress
 from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
+
+from branchdrive.files.identity_print import prints_of, repeated
 
 __all__ = ["Identities", "repeated_texts"]
 
@@ -27,15 +27,15 @@ class Identities(Sequence[str]):
         texts: The texts.
 
     Attributes:
-        digests: 64 bits of the BLAKE2b of each ``[texts]``.
+        digests: Their prints; see `prints_of` ``[texts]``.
     """
 
     def __init__(self, texts: Iterable[str] = ()) -> None:
+        texts = [*texts]
         encoded = [text.encode(*_ENCODING) for text in texts]
         self._stops = np.cumsum([len(text) for text in encoded], dtype=np.int32)
         self._block = zlib.compress(b"".join(encoded), 1)
-        digests = b"".join(hashlib.blake2b(text, digest_size=8).digest() for text in encoded)
-        self.digests: NDArray[np.uint64] = np.frombuffer(digests, "<u8")
+        self.digests: NDArray[np.uint64] = prints_of(texts)
 
     @classmethod
     def of(cls, texts: Sequence[str]) -> Identities:
@@ -72,11 +72,4 @@ class Identities(Sequence[str]):
 def repeated_texts(every: Sequence[Sequence[str]]) -> dict[str, list[int]]:
     """Texts that occur more than once, and for each occurrence the number of its sequence, in order."""
     blocks = [Identities.of(texts) for texts in every]
-    ordered = np.sort(np.concatenate([np.zeros(0, np.uint64), *(block.digests for block in blocks)]))
-    doubtful = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
-    found: dict[str, list[int]] = {}
-    for number, block in enumerate(blocks):
-        is_doubtful = np.isin(block.digests, doubtful)
-        for text in compress(block, is_doubtful.tolist()) if is_doubtful.any() else ():
-            found.setdefault(text, []).append(number)
-    return {text: numbers for text, numbers in found.items() if len(numbers) > 1}
+    return repeated({number: block.digests for number, block in enumerate(blocks)}, blocks.__getitem__)

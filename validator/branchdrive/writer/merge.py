@@ -26,6 +26,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR,
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import listed
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.files.identity_print import prints_of, repeated
 from branchdrive.formats.descriptor_file import differing_values, read_descriptor, render_descriptor
 from branchdrive.formats.durable import delete, durable_stream, move, partial_path, sync_dir, write_file
 from branchdrive.formats.folder import Folder
@@ -34,7 +35,6 @@ from branchdrive.raw.rollout import MAP, ROLLOUTS
 from branchdrive.raw.shard import Shard
 from branchdrive.runtime.file_lock import FileLock
 from branchdrive.runtime.progress import unwatched
-from branchdrive.writer.identity_print import prints_of, repeated
 from branchdrive.writer.place_note import PlaceNote
 
 if TYPE_CHECKING:

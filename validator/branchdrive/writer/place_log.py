@@ -20,9 +20,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.files.identity_print import prints_of
 from branchdrive.formats.durable import replace_file
 from branchdrive.formats.file_error import named
-from branchdrive.writer.identity_print import prints_of
 
 __all__ = ["LOG_FILE", "CommittedShard", "FileState", "KnownFile", "PlaceLog", "place_log"]
 

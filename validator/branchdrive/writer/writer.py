@@ -23,6 +23,7 @@ from typing import Self
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR
 from branchdrive.errors import ContractError, UsageError
+from branchdrive.files.identity_print import repeated
 from branchdrive.formats.descriptor_file import differing_fields, render_descriptor
 from branchdrive.formats.manifest import Manifest, build_manifest, check_against_manifest, read_manifest, write_manifest
 from branchdrive.formats.media_archive import MAX_CAMERA_NAME
@@ -31,7 +32,6 @@ from branchdrive.raw.shard import Shard
 from branchdrive.writer.assembly import assemble_shard, install_ready_shards, recover_log, shard_files
 from branchdrive.writer.buffer import map_table
 from branchdrive.writer.group_writer import GroupWriter
-from branchdrive.writer.identity_print import repeated
 from branchdrive.writer.place_log import FileState, KnownFile, PlaceLog
 from branchdrive.writer.stage import Stage
 

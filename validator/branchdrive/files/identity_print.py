@@ -17,7 +17,9 @@ _BITS = 64
 
 def prints_of(identities: Iterable[str]) -> NDArray[np.uint64]:
     """The first 64 bits of the SHA-256 of each identity ``[identities]``."""
-    digests = b"".join(hashlib.sha256(identity.encode()).digest()[: _BITS // 8] for identity in identities)
+    digests = b"".join(
+        hashlib.sha256(identity.encode("utf-8", "surrogatepass")).digest()[: _BITS // 8] for identity in identities
+    )
     return np.frombuffer(digests, dtype=">u8").astype(np.uint64)
 
 
@@ -34,7 +36,7 @@ def repeated(
     alike = numbers[counts > 1]
     found: dict[str, list[_Place]] = {}
     for place, own in prints.items() if len(alike) else ():
-        if np.isin(own, alike).any():
+        if np.isin(own, alike, kind="sort").any():  # older numpy has no table of numbers of 64 bits
             for identity in read(place):
                 found.setdefault(identity, []).append(place)
     return {identity: places for identity, places in found.items() if len(places) > 1}

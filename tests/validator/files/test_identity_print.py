@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from branchdrive.writer.identity_print import prints_of, repeated
+from branchdrive.files.identity_print import prints_of, repeated
 
 
 def test_what_repeats_is_told_with_its_places() -> None:
