@@ -48,7 +48,7 @@ class Version(Pinned):
 
     @property
     def condition(self) -> dict[str, Any]:
-        """Options of a request that this version alone fulfils; a weak tag tells versions apart for nobody."""
+        """Options of a request that only this version fulfils; a weak tag does not tell versions apart."""
         if self.e_tag is not None and not self.e_tag.startswith("W/"):
             return {"if_match": self.e_tag}
         return {} if self.modified is None else {"if_unmodified_since": self.modified}

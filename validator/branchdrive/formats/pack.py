@@ -62,7 +62,7 @@ def pack_dataset(dataset: Store, output: Path, progress: Callable[[int, int], No
         progress: Called with the number of files that are written, and of all.
 
     Raises:
-        UsageError: There is something at `output`, or its name is none of an archive.
+        UsageError: There is something at `output`, or its name does not end as that of an archive.
         DatasetError: The dataset is not finished, or is not what its manifest says.
     """
     if output.suffix != form.ARCHIVE_NAME:
