@@ -78,7 +78,7 @@ def camera_images(rows: ShardRows, scene: Scene, descriptor: Descriptor, most_by
             content = frame.read()
             mime = next((mime for start, mime in _SIGNATURES.items() if content.startswith(start)), None)
             if mime is None or disagreement(image_header(content), media.cameras[frame.camera]) is not None:
-                raise DatasetError(f"an image of camera `{frame.camera}` does not have the size or form that the camera declares")
+                raise DatasetError(f"an image of camera `{frame.camera}` has another size or form than its camera")
         except (DatasetError, DecodeError) as error:
             if not remarks:
                 remarks.append(f"Some image is not shown: {sentence(error)}.")
