@@ -6,7 +6,7 @@ Source: spec/07-rules.md#response.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,12 +299,22 @@ def _calibrated(survey: Survey, quantities: Mapping[str, Quantity]) -> Check:
 _FAULTS = ("one command from t_b to t_b + 49", "the nominal's commands", "the applied commands")
 """What an expert that nobody asked seems to command, in the order of `Responses.expert`."""
 
+_COMMANDED = {"expert_steer": ("steer",), "expert_throttle": ("throttle", "brake")}
+"""Columns of findings on the expert, and the actuators that are judged there, in the order of `Responses.expert`."""
+
 
 def _by_policy(survey: Survey, every: Responses, counts: Mask) -> Iterator[tuple[str, Mask]]:
     """The interventions that count, of each policy apart, with their name."""
     keys = survey.descriptor.action_bank.keys if survey.descriptor else ()
     for policy in np.unique(every.policy[counts]).tolist():
         yield f"interventions of {keys[policy]}", counts & (every.policy == policy)
+
+
+def _takes(survey: Survey, every: Responses, actuators: Sequence[str]) -> Mask:
+    """Interventions whose policy leaves not all of `actuators` to the expert, whose commands else are the applied."""
+    policies = survey.descriptor.action_bank.policies if survey.descriptor else ()
+    takes = [any(getattr(policy, name).rule != "online_expert" for name in actuators) for policy in policies]
+    return np.array(takes, bool)[every.policy]
 
 
 @rule("BD-RSP-010")
@@ -314,16 +324,16 @@ def expert_goes_on_while_it_is_overridden(survey: Survey) -> Iterator[Check]:
     if driver is not None and driver.kind == "log":
         return
     every, found, examined = _responses(survey), [], 0
-    for index, (column, counts) in enumerate(
-        zip(("expert_steer", "expert_throttle"), every.is_overridden, strict=True)
-    ):
+    for index, (column, actuators) in enumerate(_COMMANDED.items()):
+        counts, takes = every.is_overridden[index], _takes(survey, every, actuators)
+        judged = (counts, counts, counts & takes)
         for who, own in (("interventions", counts), *_by_policy(survey, every, counts)):
             examined += int(own.sum()) >= MIN_INTERVENTIONS
-            shown = [every.expert[:, index, fault] for fault in range(1, len(_FAULTS) + 1)]
-            text = next((text for text, shows in zip(_FAULTS, shown, strict=True) if _prevails(shows, own)), None)
-            if text is not None:
-                expected = "commands on the state of the intervention, which is no longer the nominal's"
-                seen = f"{text} in nearly all of {own.sum()} {who}"
-                found.append(Mismatch({"table": "controls", "column": column}, expected, seen))
-                break
+            for fault, (text, of_fault) in enumerate(zip(_FAULTS, judged, strict=True), start=1):
+                subjects = own & of_fault
+                if _prevails(every.expert[:, index, fault], subjects):
+                    expected = "commands on the state of the intervention, which is no longer the nominal's"
+                    seen = f"{text} in nearly all of {subjects.sum()} {who}"
+                    found.append(Mismatch({"table": "controls", "column": column}, expected, seen))
+                    break
     yield Check.of(examined, found)
