@@ -7,7 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from branchdrive.driving.surface import Areas, Strips
+from branchdrive.contract.limits import spec_limits
+from branchdrive.driving.surface import Areas, Strips, Work
 from branchdrive_reference.town.crossroads import Control
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.lane import Turn
@@ -44,15 +45,16 @@ def test_lanes_and_road_agree_with_the_lookup_of_the_world(network: RoadNetwork)
     names = np.array([element["lane_id"] if element["kind"] == "lane" else "" for element in elements])
     has_lane, fits_lane, is_on, may_be_on = (np.zeros(len(x), bool) for _ in range(4))
     recorded = np.array([lane or "none" for lane in lanes])
-    strips = Strips(town_codes, counts, *lines, slack_m=SLACK_M)
-    for point, strip, excess_m, is_end in strips.near(here, x, y):
+    strips = Strips(town_codes, counts, *lines, slack_m=SLACK_M, most_squares=spec_limits().max_map_squares)
+    work = Work(spec_limits().max_map_pairs)
+    for point, strip, excess_m, is_end in strips.near(here, x, y, work):
         certain, may = (excess_m <= -SLACK_M) & ~is_end, excess_m <= SLACK_M
         has_lane[point[certain & (names[strip] != "")]] = True
         fits_lane[point[may & (names[strip] == recorded[point])]] = True
         is_on[point[certain]] = True
         may_be_on[point[may]] = True
     outlines = tuple(np.stack([area["x_m"], area["y_m"]], axis=1) for area in _of_kinds(network, "road_area"))
-    for point, excess_m in Areas(np.zeros(len(outlines), np.int64), outlines).near(here, x, y, slack_m=SLACK_M):
+    for point, excess_m in Areas(np.zeros(len(outlines), np.int64), outlines).near(here, x, y, work, slack_m=SLACK_M):
         is_on[point[excess_m <= -SLACK_M]] = True
         may_be_on[point[excess_m <= SLACK_M]] = True
 

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from branchdrive.contract.limits import spec_limits
 from branchdrive.driving.box import Boxes
+from branchdrive.driving.surface import Work
 from branchdrive.driving.wall import Walls
 
 NUM_SAMPLES = 4001
+
+SQUARES, PAIRS = spec_limits().max_map_squares, spec_limits().max_map_pairs
 
 
 def _inside(walls: list[np.ndarray], boxes: Boxes, *, reach_m: float) -> dict[tuple[int, int], list[float]]:
     """Points inside each box, of each wall that reaches into it: x and y of the middle of every part."""
     lengths = np.array([len(wall) for wall in walls])
     x, y = np.concatenate(walls).T
-    filed = Walls(np.zeros(len(walls), np.int64), lengths, x, y, reach_m=reach_m)
+    filed = Walls(np.zeros(len(walls), np.int64), lengths, x, y, reach_m=reach_m, most_squares=SQUARES)
     found: dict[tuple[int, int], list[float]] = {}
-    for part in filed.inside(np.zeros(len(boxes.x_m), np.int64), boxes):
+    for part in filed.inside(np.zeros(len(boxes.x_m), np.int64), boxes, Work(PAIRS)):
         for box, wall, *middle in zip(*(values.tolist() for values in part), strict=True):
             found.setdefault((box, wall), []).extend(middle)
     return found
@@ -62,5 +66,5 @@ def test_walls_along_a_side_are_outside_and_walls_within_are_inside() -> None:
 
 
 def test_boxes_of_other_towns_meet_no_wall() -> None:
-    filed = Walls(np.array([1]), np.array([2]), np.array([-1.0, 1.0]), np.zeros(2), reach_m=3.0)
-    assert not [part for part in filed.inside(np.array([0]), _boxes((0, 0, 0, 4, 2))) if len(part.box)]
+    filed = Walls(np.array([1]), np.array([2]), np.array([-1.0, 1.0]), np.zeros(2), reach_m=3.0, most_squares=SQUARES)
+    assert not [part for part in filed.inside(np.array([0]), _boxes((0, 0, 0, 4, 2)), Work(PAIRS)) if len(part.box)]

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.contract.limits import spec_limits
 from branchdrive.driving.route import project
-from branchdrive.driving.surface import Areas
+from branchdrive.driving.surface import Areas, Work
 
 __all__ = ["Element", "Ground", "lane_element", "under"]
 
@@ -68,7 +69,7 @@ def under(elements: Sequence[Element], x_m: NDArray[np.float64], y_m: NDArray[np
         if element["kind"] == "road_area":
             outline = np.stack([np.asarray(element[axis], np.float64) for axis in ("x_m", "y_m")], axis=1)
             for points, excess_m in Areas(np.zeros(1, np.int64), (outline,)).near(
-                np.zeros(count, np.int64), x_m, y_m, slack_m=0.0
+                np.zeros(count, np.int64), x_m, y_m, Work(spec_limits().max_map_pairs), slack_m=0.0
             ):
                 on_road[points[excess_m <= 0]] = True
         if element["kind"] not in _STRIPS:

@@ -42,6 +42,8 @@ class Limits:
     max_media_bytes: int
     max_shard_rollouts: int
     max_route_vertices: int
+    max_map_squares: int
+    max_map_pairs: int
     max_footer_items: int
     max_footer_string_bytes: int
     max_worker_bytes: int

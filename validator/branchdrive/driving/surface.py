@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Areas", "Strips", "TooLargeError"]
+__all__ = ["Areas", "Strips", "TooLargeError", "Work"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,9 +26,6 @@ _HALF_DIAGONAL_M = 0.7072 * _CELL_M
 _PIECE_M = 8.0
 """Segments are filed piece by piece, or a long oblique one would be filed all over its bounding box."""
 
-_MAX_ENTRIES = 4_000_000
-"""Cells that pieces are filed in, together: they take 32 MB a column, and a town of 2,000 km of lanes fewer of them."""
-
 _BLOCK_ROWS = 65_536
 _BLOCK_PAIRS = 1 << 17
 _OFFSET, _SPAN = 1 << 23, 1 << 24
@@ -36,7 +33,28 @@ _OFFSET, _SPAN = 1 << 23, 1 << 24
 
 
 class TooLargeError(Exception):
-    """A map covers more ground than can be looked through."""
+    """A map covers more ground, or more of it lies around places, than can be looked through; the text says so."""
+
+
+class Work:
+    """Pairs of a place and what lies near it that may still be compared.
+
+    Args:
+        num_pairs: How many of them.
+    """
+
+    def __init__(self, num_pairs: int) -> None:
+        self._num_pairs = self._left = num_pairs
+
+    def spend(self, num_pairs: int) -> None:
+        """Note pairs that are about to be compared.
+
+        Raises:
+            TooLargeError: They are more than are left.
+        """
+        self._left -= num_pairs
+        if self._left < 0:
+            raise TooLargeError(f"takes more than {self._num_pairs:,} pairs of a place and what lies near it")
 
 
 def _ranges(counts: Index) -> tuple[Index, Index]:
@@ -63,12 +81,15 @@ class Strips:
         y_m: The same, y.
         width_m: Full width at every vertex.
         slack_m: How far beyond its edges a strip is still looked for.
+        most_squares: Cells that pieces may be filed in, together.
 
     Raises:
         TooLargeError: The strips cover too much ground.
     """
 
-    def __init__(self, town: Index, lengths: Index, x_m: Array, y_m: Array, width_m: Array, *, slack_m: float) -> None:
+    def __init__(
+        self, town: Index, lengths: Index, x_m: Array, y_m: Array, width_m: Array, *, slack_m: float, most_squares: int
+    ) -> None:
         strip = np.repeat(np.arange(len(lengths)), lengths)
         first = np.flatnonzero(strip[1:] == strip[:-1])
         self._x, self._y, self._half = x_m[first], y_m[first], width_m[first] / 2
@@ -78,13 +99,14 @@ class Strips:
         is_new = np.diff(self._strip, prepend=-1) != 0
         self._begins, self._ends = is_new, np.append(is_new[1:], True)[: len(is_new)]
         self._square = self._step_x**2 + self._step_y**2
-        self._cells, self._firsts, self._segments = self._filed(town[self._strip], slack_m)
+        self._cells, self._firsts, self._segments = self._filed(town[self._strip], slack_m, most_squares)
 
-    def _filed(self, town: Index, slack_m: float) -> tuple[Index, Index, Index]:
+    def _filed(self, town: Index, slack_m: float, most_squares: int) -> tuple[Index, Index, Index]:
         """Occupied cells, ascending, the first entry of each and of the end, and the segment of every entry."""
         counts = np.maximum(np.ceil(np.sqrt(self._square) / _PIECE_M), 1)
-        if counts.sum() > _MAX_ENTRIES:
-            raise TooLargeError
+        too_large = TooLargeError(f"covers more than {most_squares:,} squares of {_CELL_M:g} m")
+        if counts.sum() > most_squares:
+            raise too_large
         segment, place = _ranges(counts.astype(np.int64))
         reach = np.maximum(self._half, self._half + self._widens) + slack_m
         lines = ((self._x, self._step_x), (self._y, self._step_y))
@@ -94,8 +116,8 @@ class Strips:
         )
         least = _cell(np.minimum(low, high) - reach[segment])
         spans = _cell(np.maximum(low, high) + reach[segment]) - least + 1
-        if spans.prod(axis=0, dtype=np.float64).sum() > _MAX_ENTRIES:
-            raise TooLargeError
+        if spans.prod(axis=0, dtype=np.float64).sum() > most_squares:
+            raise too_large
         piece, place = _ranges(spans.prod(axis=0))
         column = least[0, piece] + place // spans[1, piece]
         row = least[1, piece] + place % spans[1, piece]
@@ -111,7 +133,7 @@ class Strips:
         return key[firsts], np.append(firsts, len(key)), segment
 
     def near(
-        self, town: Index, x_m: Array, y_m: Array, labels: tuple[Index, Index] | None = None
+        self, town: Index, x_m: Array, y_m: Array, work: Work, labels: tuple[Index, Index] | None = None
     ) -> Iterator[tuple[Index, Index, Array, Mask]]:
         """Pairs of points and strips near them, in blocks; a pair may occur several times.
 
@@ -119,30 +141,37 @@ class Strips:
             town: Town of each point ``[points]``.
             x_m: World frame, within 1e7 m.
             y_m: The same, y.
+            work: Pairs of points and segments that may be compared.
             labels: A label of each strip and of each point, where only pairs of equal labels are asked for.
 
         Yields:
             Point, strip, excess in metres, and whether the nearest point of the centre line is one of its ends.
+
+        Raises:
+            TooLargeError: There are more pairs.
         """
-        for point, segment in self._pairs(town, x_m, y_m):
+        for point, segment in self._pairs(town, x_m, y_m, work):
             if labels is not None:
                 same = np.flatnonzero(labels[0][self._strip[segment]] == labels[1][point])
                 point, segment = point[same], segment[same]
             yield (point, self._strip[segment], *self._excess(segment, x_m[point], y_m[point]))
 
-    def along(self, town: Index, x_m: Array, y_m: Array) -> Iterator[tuple[Index, Index, Array, Mask, Array]]:
+    def along(
+        self, town: Index, x_m: Array, y_m: Array, work: Work
+    ) -> Iterator[tuple[Index, Index, Array, Mask, Array]]:
         """The same as `near` with the heading of the strip there, in radians."""
-        for point, segment in self._pairs(town, x_m, y_m):
+        for point, segment in self._pairs(town, x_m, y_m, work):
             heading_rad = np.arctan2(self._step_y[segment], self._step_x[segment])
             yield (point, self._strip[segment], *self._excess(segment, x_m[point], y_m[point]), heading_rad)
 
-    def _pairs(self, town: Index, x_m: Array, y_m: Array) -> Iterator[tuple[Index, Index]]:
+    def _pairs(self, town: Index, x_m: Array, y_m: Array, work: Work) -> Iterator[tuple[Index, Index]]:
         """Points and the segments near them, in blocks."""
         if not len(self._cells) or not len(town):
             return
         key = _key(town, _cell(x_m), _cell(y_m))
         place = np.minimum(np.searchsorted(self._cells, key), len(self._cells) - 1)
         counts = np.where(self._cells[place] == key, self._firsts[place + 1] - self._firsts[place], 0)
+        work.spend(int(counts.sum()))
         blocks = np.maximum(np.arange(len(key)) // _BLOCK_ROWS, np.cumsum(counts) // _BLOCK_PAIRS)
         firsts = np.flatnonzero(np.diff(blocks, prepend=-1))
         for first, stop in zip(firsts, np.append(firsts[1:], len(key)), strict=True):
@@ -178,15 +207,23 @@ class Areas:
     town: Index
     outlines: tuple[Array, ...]
 
-    def near(self, town: Index, x_m: Array, y_m: Array, *, slack_m: float) -> Iterator[tuple[Index, Array]]:
-        """Points near each area, with the excess over it: the distance to its outline, negative inside."""
-        points = np.stack([x_m, y_m], axis=1)
+    def near(self, town: Index, x_m: Array, y_m: Array, work: Work, *, slack_m: float) -> Iterator[tuple[Index, Array]]:
+        """Points near each area, with the excess over it: the distance to its outline, negative inside.
+
+        Raises:
+            TooLargeError: There are more pairs of points and vertices, or of points and areas at one x, than may be.
+        """
+        points, order = np.stack([x_m, y_m], axis=1), np.argsort(x_m)
         for own, outline in zip(self.town.tolist(), self.outlines, strict=True):
             (low_x, low_y), (high_x, high_y) = outline.min(axis=0) - slack_m, outline.max(axis=0) + slack_m
-            inside = (x_m >= low_x) & (x_m <= high_x) & (y_m >= low_y) & (y_m <= high_y)
-            rows = np.flatnonzero(inside & (town == own))
-            for part in np.array_split(rows, max(1, len(rows) * len(outline) // _BLOCK_PAIRS)):
-                yield part, _outline_excess(outline, points[part])
+            start, stop = np.searchsorted(x_m, low_x, "left", order), np.searchsorted(x_m, high_x, "right", order)
+            work.spend(int(stop - start))
+            rows = order[start:stop]
+            rows = rows[(y_m[rows] >= low_y) & (y_m[rows] <= high_y) & (town[rows] == own)]
+            work.spend(len(rows) * len(outline))
+            if len(rows):
+                for part in np.array_split(rows, max(1, len(rows) * len(outline) // _BLOCK_PAIRS)):
+                    yield part, _outline_excess(outline, points[part])
 
 
 def _outline_excess(outline: Array, points: Array) -> Array:

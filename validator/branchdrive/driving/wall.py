@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.driving.box import Boxes
-from branchdrive.driving.surface import Strips
+from branchdrive.driving.surface import Strips, Work
 
 __all__ = ["Inside", "Walls"]
 
@@ -38,24 +38,32 @@ class Walls:
         x_m: Vertices of all walls, one wall after the other ``[vertices]``, within 1e7 m.
         y_m: The same, y.
         reach_m: How far a box reaches from its centre at most.
+        most_squares: Cells that pieces of segments may be filed in, together.
 
     Raises:
         TooLargeError: The walls cover too much ground.
     """
 
-    def __init__(self, town: Index, lengths: Index, x_m: Array, y_m: Array, *, reach_m: float) -> None:
+    def __init__(
+        self, town: Index, lengths: Index, x_m: Array, y_m: Array, *, reach_m: float, most_squares: int
+    ) -> None:
         wall = np.repeat(np.arange(len(lengths)), lengths)
         first = np.flatnonzero(wall[1:] == wall[:-1])
         self._wall = wall[first]
         self._x, self._y = (np.stack([values[first], values[first + 1]]) for values in (x_m, y_m))
         ends = np.full(2 * len(first), 2 * reach_m)
         self._filed = Strips(
-            town[self._wall], np.full(len(first), 2), self._x.T.ravel(), self._y.T.ravel(), ends, slack_m=0.0
-        )
+            town[self._wall], np.full(len(first), 2), self._x.T.ravel(), self._y.T.ravel(), ends, slack_m=0.0,
+            most_squares=most_squares,
+        )  # fmt: skip
 
-    def inside(self, town: Index, boxes: Boxes) -> Iterator[Inside]:
-        """Parts of walls inside of boxes, in blocks; a part may occur several times."""
-        for box, segment, excess_m, _ in self._filed.near(town, boxes.x_m, boxes.y_m):
+    def inside(self, town: Index, boxes: Boxes, work: Work) -> Iterator[Inside]:
+        """Parts of walls inside of boxes, in blocks; a part may occur several times.
+
+        Raises:
+            TooLargeError: There are more pairs of boxes and segments than may be compared.
+        """
+        for box, segment, excess_m, _ in self._filed.near(town, boxes.x_m, boxes.y_m, work):
             near = np.flatnonzero(excess_m <= 0)
             box, segment = box[near], segment[near]
             cos, sin = np.cos(boxes.yaw_rad[box]), np.sin(boxes.yaw_rad[box])

@@ -44,7 +44,7 @@ from branchdrive.raw.semantic.frame import SemanticFrames
 from branchdrive.raw.semantic.ground import SemanticGround
 from branchdrive.raw.semantic.signs import SemanticSigns
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.town_map import map_digests
+from branchdrive.raw.town_map import map_digests, map_excess
 from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
 if TYPE_CHECKING:
@@ -264,6 +264,8 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.extremes = observed_extremes(view)
     result.track_ends = track_ends(view, examination.broken)
     result.widths, result.maps, result.lanes = vehicle_widths(view), map_digests(view), lane_use(view)
+    if excess := map_excess(view):
+        result.over_limit[f"{task.folder}/{TABLES['map'].file_name}"] = f"{task.folder} has a map that {excess}"
     result.scenario_types = frozenset(view.rollouts.categories("scenario_type")[1])
     if task.spool is None:
         return

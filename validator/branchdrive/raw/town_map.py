@@ -7,6 +7,8 @@ Source: spec/05-raw-streams.md#map.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds, spec_limits
 from branchdrive.contract.mismatch import Mask, PreconditionError
 from branchdrive.driving.box import Boxes
-from branchdrive.driving.surface import Areas, Strips, TooLargeError
+from branchdrive.driving.surface import Areas, Strips, TooLargeError, Work
 from branchdrive.driving.wall import Walls
 from branchdrive.raw.copies import Copies
 from branchdrive.raw.known_map import once_per_map
@@ -40,6 +42,7 @@ __all__ = [
     "lanes_under",
     "least_vertices",
     "map_digests",
+    "map_excess",
     "shapes",
     "walls_inside",
 ]
@@ -161,13 +164,41 @@ class Ground:
     meets_limit: Mask
 
 
+class _Comparisons(Work):
+    """Pairs that a shard may still compare with its maps, and how that exceeds the limits, if it does."""
+
+    def __init__(self) -> None:
+        super().__init__(spec_limits().max_map_pairs)
+        self.excess: str | None = None
+
+
+def _comparisons(_: ShardView) -> _Comparisons:
+    return _Comparisons()
+
+
+@contextmanager
+def _within_limits(view: ShardView) -> Iterator[Work]:
+    """The work that is left for a shard's maps, and an end of the rule where a map exceeds the limits."""
+    work = view.cached(_comparisons)
+    try:
+        yield work
+    except TooLargeError as error:
+        work.excess = str(error)
+        raise PreconditionError(f"the map {error}; keep what lies near the rollouts") from None
+
+
+def map_excess(view: ShardView) -> str | None:
+    """How the maps of a shard exceed the limits, as far as they were looked through; ``None`` where they do not."""
+    return view.cached(_comparisons).excess
+
+
 def ground(view: ShardView) -> Ground:
     """What lies under the ego in every observation.
 
     Most often that is the recorded lane, with its limit: other strips and areas are compared with the rest.
 
     Raises:
-        PreconditionError: The maps cover too much ground.
+        PreconditionError: The maps exceed the limits.
     """
     observations = view.observations
     x, y = observations["x_m"], observations["y_m"]
@@ -183,9 +214,10 @@ def ground(view: ShardView) -> Ground:
     _look(view, rest, found)
     beside = rest[~found.is_on_road[rest]]
     towns = _town_of(view, beside)
-    for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], slack_m=EDGE_SLACK_M):
-        found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
-        found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
+    with _within_limits(view) as work:
+        for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], work, slack_m=EDGE_SLACK_M):
+            found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
+            found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
     copied.fill(*(getattr(found, field.name) for field in fields(Ground)))
     return found
 
@@ -200,20 +232,21 @@ def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = No
     lane_limit = np.where(elements.valid("speed_limit_mps"), elements["speed_limit_mps"], np.nan)[strips]
     labels = None if wanted is None else (lane, wanted[rows])
     x, y = observations["x_m"][rows], observations["y_m"][rows]
-    for point, strip, excess_m, is_end in filed.near(_town_of(view, rows), x, y, labels):
-        at = rows[point]
-        may, certain = excess_m <= EDGE_SLACK_M, (excess_m <= -EDGE_SLACK_M) & ~is_end
-        is_lane, of_strip = lane[strip] >= 0, lane_limit[strip]
-        agrees = ~(np.abs(of_strip - limit[at]) > LIMIT_SLACK_MPS)
-        both_limited = knows_limit[at] & np.isfinite(of_strip)
-        found.fits_lane[at[may & is_lane & (lane[strip] == recorded[at])]] = True
-        found.may_be_on_road[at[may]] = True
-        found.fits_limit[at[may & is_lane & agrees]] = True
-        found.meets_limit[at[may & is_lane & both_limited]] = True
-        if wanted is None:
-            found.has_lane[at[certain & is_lane]] = True
-            found.is_on_road[at[certain]] = True
-            found.has_limit[at[certain & both_limited]] = True
+    with _within_limits(view) as work:
+        for point, strip, excess_m, is_end in filed.near(_town_of(view, rows), x, y, work, labels):
+            at = rows[point]
+            may, certain = excess_m <= EDGE_SLACK_M, (excess_m <= -EDGE_SLACK_M) & ~is_end
+            is_lane, of_strip = lane[strip] >= 0, lane_limit[strip]
+            agrees = ~(np.abs(of_strip - limit[at]) > LIMIT_SLACK_MPS)
+            both_limited = knows_limit[at] & np.isfinite(of_strip)
+            found.fits_lane[at[may & is_lane & (lane[strip] == recorded[at])]] = True
+            found.may_be_on_road[at[may]] = True
+            found.fits_limit[at[may & is_lane & agrees]] = True
+            found.meets_limit[at[may & is_lane & both_limited]] = True
+            if wanted is None:
+                found.has_lane[at[certain & is_lane]] = True
+                found.is_on_road[at[certain]] = True
+                found.has_limit[at[certain & both_limited]] = True
 
 
 def _town_of(view: ShardView, rows: Index) -> Index:
@@ -238,10 +271,12 @@ def _file(view: ShardView) -> tuple[Index, Strips]:
     chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
     strips = np.flatnonzero(chosen)
     x, y, width = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m", "width_m"))
-    try:
-        return strips, Strips(homes[strips], view.cached(shapes).counts[strips, 0], x, y, width, slack_m=EDGE_SLACK_M)
-    except TooLargeError:
-        raise PreconditionError("the map covers too much ground; keep what lies near the rollouts") from None
+    with _within_limits(view):
+        filed = Strips(
+            homes[strips], view.cached(shapes).counts[strips, 0], x, y, width, slack_m=EDGE_SLACK_M,
+            most_squares=spec_limits().max_map_squares,
+        )  # fmt: skip
+    return strips, filed
 
 
 def _outlined(view: ShardView) -> Areas:
@@ -285,7 +320,7 @@ def walls_inside(view: ShardView) -> Index:
     What lies on a drivable surface in the plane may be of another level, and does not count.
 
     Raises:
-        PreconditionError: The maps cover too much ground.
+        PreconditionError: The maps exceed the limits.
     """
     elements, homes = view.map, home_towns(view)
     observations, found = view.observations, np.full(len(view.observations), -1, np.int64)
@@ -299,14 +334,13 @@ def walls_inside(view: ShardView) -> Index:
     length, width = (np.maximum(view.rollouts[f"ego_{name}_m"][owner] - margin_m, 0.0) for name in ("length", "width"))
     boxes, towns = Boxes(x[rows], y[rows], yaw[rows], length, width), _town_of(view, rows)
     vertices = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m"))
-    try:
+    with _within_limits(view) as work:
         reach_m = float(np.hypot(length, width).max(initial=0)) / 2
-        filed = Walls(homes[walls], view.cached(shapes).counts[walls, 0], *vertices, reach_m=reach_m)
-    except TooLargeError:
-        raise PreconditionError("the walls cover too much ground; keep what lies near the rollouts") from None
-    for part in filed.inside(towns, boxes):
-        is_level = np.flatnonzero(~_is_on_ground(view, towns[part.box], part.x_m, part.y_m))
-        found[rows[part.box[is_level]]] = walls[part.wall[is_level]]
+        lengths, most = view.cached(shapes).counts[walls, 0], spec_limits().max_map_squares
+        filed = Walls(homes[walls], lengths, *vertices, reach_m=reach_m, most_squares=most)
+        for part in filed.inside(towns, boxes, work):
+            is_level = np.flatnonzero(~_is_on_ground(view, towns[part.box], part.x_m, part.y_m))
+            found[rows[part.box[is_level]]] = walls[part.wall[is_level]]
     return found
 
 
@@ -314,7 +348,7 @@ def demand_strips(view: ShardView) -> None:
     """Let a rule end here where strips cannot be looked through.
 
     Raises:
-        PreconditionError: The maps cover too much ground.
+        PreconditionError: The maps exceed the limits.
     """
     view.cached(_filed)
 
@@ -330,12 +364,13 @@ def held_by_strips(view: ShardView, towns: Index, x_m: Array, y_m: Array, *, dep
         depth_m: Least distance from the edge.
 
     Raises:
-        PreconditionError: The maps cover too much ground.
+        PreconditionError: The maps exceed the limits.
     """
     held = np.zeros(len(towns), bool)
     _, strips = view.cached(_filed)
-    for point, _, excess_m, is_end in strips.near(towns, x_m, y_m):
-        held[point[(excess_m <= -depth_m) & ~is_end]] = True
+    with _within_limits(view) as work:
+        for point, _, excess_m, is_end in strips.near(towns, x_m, y_m, work):
+            held[point[(excess_m <= -depth_m) & ~is_end]] = True
     return held
 
 
@@ -349,13 +384,14 @@ def lanes_along(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> tuple[
         y_m: The same, y.
 
     Raises:
-        PreconditionError: The maps cover too much ground.
+        PreconditionError: The maps exceed the limits.
     """
     strips, filed = view.cached(_filed)
     pairs = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((3, 0)))]
-    for point, strip, excess_m, is_end, heading_rad in filed.along(towns, x_m, y_m):
-        kept = (excess_m <= EDGE_SLACK_M) & view.map.equals("kind", "lane")[strips[strip]]
-        pairs.append((point[kept], strips[strip[kept]], np.stack([excess_m, is_end, heading_rad])[:, kept]))
+    with _within_limits(view) as work:
+        for point, strip, excess_m, is_end, heading_rad in filed.along(towns, x_m, y_m, work):
+            kept = (excess_m <= EDGE_SLACK_M) & view.map.equals("kind", "lane")[strips[strip]]
+            pairs.append((point[kept], strips[strip[kept]], np.stack([excess_m, is_end, heading_rad])[:, kept]))
     point, lane = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
     excess_m, is_end, heading_rad = np.concatenate([pair[2] for pair in pairs], axis=1)
     order = np.lexsort((excess_m, point))  # the nearest first
@@ -371,8 +407,9 @@ def lanes_along(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> tuple[
 def _is_on_ground(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> Mask:
     """Points that a drivable surface holds, for certain."""
     held = held_by_strips(view, towns, x_m, y_m, depth_m=EDGE_SLACK_M)
-    for point, excess_m in _outlined(view).near(towns, x_m, y_m, slack_m=0.0):
-        held[point[excess_m <= -EDGE_SLACK_M]] = True
+    with _within_limits(view) as work:
+        for point, excess_m in _outlined(view).near(towns, x_m, y_m, work, slack_m=0.0):
+            held[point[excess_m <= -EDGE_SLACK_M]] = True
     return held
 
 
@@ -380,8 +417,9 @@ def lanes_under(view: ShardView, row: int) -> list[int]:
     """Lane elements that may hold the ego's centre in an observation."""
     elements, observations = view.map, view.observations
     strips, filed = view.cached(_filed)
-    pairs = filed.near(_town_of(view, np.array([row])), observations["x_m"][[row]], observations["y_m"][[row]])
-    found = [strips[strip[excess_m <= EDGE_SLACK_M]] for _, strip, excess_m, _ in pairs]
+    place = _town_of(view, np.array([row])), observations["x_m"][[row]], observations["y_m"][[row]]
+    with _within_limits(view) as work:
+        found = [strips[strip[excess_m <= EDGE_SLACK_M]] for _, strip, excess_m, _ in filed.near(*place, work)]
     under = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     return [int(element) for element in under[elements.equals("kind", "lane")[under]]]
 

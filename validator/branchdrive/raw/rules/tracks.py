@@ -126,6 +126,14 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     yield Check.of_any(ego, twice)
 
 
+def _moments(view: ShardView) -> tuple[Index, Index]:
+    """Place of each observation among distinct ticks of attempts ``[observations]``, and the first one of each."""
+    observations = view.observations
+    keys = np.stack([observations.rollout, observations.tick])
+    is_new = np.append(True, (np.diff(keys) != 0).any(axis=0))[: len(observations)]
+    return np.cumsum(is_new) - 1, np.flatnonzero(is_new)
+
+
 @rule("BD-ACT-003")
 def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Who is in range on the way between two of its rows, however it got from one to the other, is there in between."""
@@ -134,8 +142,10 @@ def tracks_have_no_gap(view: ShardView, subjects: Mask) -> Iterator[Check]:
     last, next_ = frame[left], frame[resumed]
     whole_s = (observations.tick[next_] - observations.tick[last]) * TICK_S
     missing = np.full(len(resumed), -1)
-    for step in range(1, int((next_ - last).max(initial=1))):
-        here = np.minimum(last + step, next_)
+    # Of rows that repeat a tick the first is looked at, so that there are no more steps than ticks in a window.
+    moment, first = view.cached(_moments)
+    for step in range(1, int((moment[next_] - moment[last]).max(initial=1))):
+        here = np.minimum(first.take(moment[last] + step, mode="clip"), next_)
         gone_s = (observations.tick[here] - observations.tick[last]) * TICK_S
         share = gone_s / whole_s
         away = [
