@@ -24,7 +24,7 @@ def release_view(root: Path) -> ReleaseView:
     with Spool.temporary() as spool:
         reading = read_dataset(survey, selected, in_process, spool=spool, release=survey)
         assert reading.layers is not None and not reading.errors
-        view = view_of(next(layers_tasks(reading, reading.layers, selected)))
+        view = view_of(next(layers_tasks(reading, reading.layers, selected))[0])
         assert view.raw.rows is not None
         raw = RawLayer(dict(view.raw.rows), digest=view.raw.digest, descriptor=view.raw.descriptor)
         tables = {name: table.take(np.arange(table.num_rows)) for name, table in view.tables.items()}

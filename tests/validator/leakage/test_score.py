@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,19 @@ def test_who_tells_nothing_apart_scores_chance_and_is_found_out(levelled: bool) 
     assert found.identical
     assert found.accuracy == pytest.approx(1 / 5)
     assert (found.p_accuracy, found.p_log_likelihood) == (1.0, 1.0)
+
+
+def test_who_draws_permutations_decides_no_bit() -> None:
+    scores, drawn = random_scores(9, 5, seed=3), []
+
+    def elsewhere(function: Any, subject: Any, ranges: Any) -> Any:
+        drawn.extend(map(len, ranges))
+        copies = {i: function(pickle.loads(pickle.dumps(subject)), ranges[i]) for i in range(len(ranges))[::-1]}
+        return [copies[i] for i in range(len(ranges))]
+
+    numbers = {"seed": 4, "num_permutations": 1_234, "num_resamples": 50, "atol": 1e-9}
+    assert held_out_score(scores, **numbers, draw=elsewhere) == held_out_score(scores, **numbers)
+    assert drawn == [500, 500, 234]
 
 
 def test_rounding_does_not_tell_rows_apart() -> None:

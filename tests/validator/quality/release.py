@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.validator.quality.whole import retention_document, threshold_document
 
-from branchdrive.quality.fidelity import retention_document, threshold_document, with_passes
+from branchdrive.quality.fidelity import with_passes
 from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, clusters_of, split_document
 from branchdrive.quality.population import population_document

@@ -20,12 +20,11 @@ from tests.validator.quality.release import (
     shuffled,
     texts,
 )
+from tests.validator.quality.whole import retention_document, threshold_document
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.quality.fidelity import (
     bank_rows,
-    retention_document,
-    threshold_document,
     thresholds_of,
     with_passes,
     with_validity,

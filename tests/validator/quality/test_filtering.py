@@ -7,25 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.validator.quality.release import NUM_POLICIES, concat, numbered, pairs_of, reaching, shuffled
+from tests.validator.quality.whole import filtering_document, retention_document, threshold_document
 
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.quality.fidelity import (
     fitting_groups,
     largest_of,
     passing_counts,
-    retention_document,
     retention_document_of,
-    threshold_document,
     threshold_document_of,
     thresholds_of,
     with_passes,
 )
 from branchdrive.quality.filtering import (
     FilterFigures,
-    filtering_document,
     filtering_document_of,
-    largest_matched,
-    matched_thresholds,
     mean_share,
     shares_above,
 )
@@ -189,16 +185,15 @@ def test_parts_give_the_document_of_all_groups() -> None:
     halves = [sorted(assignment)[::2], sorted(assignment)[1::2]]
     fitted = [[group for group in training if group in half] for half in halves]
     parts = [take(found, np.isin(found["group_id"], half)) for half in halves]
-    matched = matched_thresholds([largest_matched(p, every, f) for p, f in zip(parts, fitted, strict=True)])
     above = [shares_above(p, every, f) for p, f in zip(parts, fitted, strict=True)]
     figures = [
-        FilterFigures.of(p, every, a, f, half, thresholds, matched)
+        FilterFigures.of(p, every, a, f, half, thresholds)
         for p, a, f, half in zip(parts, above, fitted, halves, strict=True)
     ]
     gathered = np.concatenate(above)[np.argsort(np.concatenate(fitted))]
     means = [mean_share(gathered[:, i]) for i in range(len(FRAMED))]
     digest = split_digest(assignment)
-    assert filtering_document_of(figures, means, thresholds, matched, digest) == filtering_document(
+    assert filtering_document_of(figures, means, thresholds, digest) == filtering_document(
         found, GROUPS, every, thresholds
     )
 
@@ -210,7 +205,7 @@ def test_parts_give_the_thresholds_and_retention_of_all_groups() -> None:
     parts = [largest_of(found, training[1::2]), largest_of(found, []), largest_of(found, training[::2])]
     assert threshold_document_of(parts, digest) == threshold_document(found, GROUPS)
     order = [*assignment][1::2], [*assignment][::2]
-    counts = np.concatenate([passing_counts(found, groups) for groups in order])
+    counts = np.concatenate([passing_counts(found, groups).values for groups in order])
     homes = [assignment[group] for groups in order for group in groups]
     options: dict[str, Any] = {"thresholds_digest": digest, "split_digest": digest, "seed": 3}
     assert retention_document_of(counts, homes, **options) == retention_document(found, GROUPS, **options)
@@ -220,5 +215,5 @@ def test_parts_of_different_banks_have_no_thresholds() -> None:
     found = pairs()
     training = fitting_groups(GROUPS, assignment_of(GROUPS))
     fewer = take(found, found["action_key"] != found["action_key"][0])
-    with pytest.raises(ValueError, match="of two training groups one alone has a pair of 'action_00'"):
+    with pytest.raises(ValueError, match="of two groups one alone has a pair of 'action_00'"):
         threshold_document_of([largest_of(found, training[:3]), largest_of(fewer, training[3:])], "")

@@ -5,17 +5,19 @@ Source: paper, "Release Structure"; spec/10-layers.md#canonical.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from branchdrive.canonical.record import policy_columns, source_counts
+from branchdrive.canonical.record import policy_columns, source_counts, sum_of_counts
 from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layout import SOURCE_FILE
 from branchdrive.contract.mismatch import Check, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.layers.compare import columns_agree, document_check, format_cell, place, place_in_table, rows_agree
 from branchdrive.layers.view import ReleaseView
+from branchdrive.tables.frame import distinct
 
 _REPEATED = (
     "attempt", "protocol_variant", "scenario_type", "town", "route_id", "seed", "repetition", "branched",
@@ -179,10 +181,22 @@ def records_and_dispositions_agree(view: ReleaseView) -> Iterator[Check]:
     )
 
 
-@rule("BD-CAN-012")
+def _counts(view: ReleaseView) -> tuple[dict[str, Any], list[str]]:
+    """Counts of rows, and the groups that have any."""
+    records, attempts = view.frame("records"), view.frame("attempts")
+    groups = {*records["group_id"].tolist(), *attempts["group_id"].tolist()}
+    return source_counts(records, attempts), sorted(groups)
+
+
+def _sum_of_counts(pieces: Sequence[tuple[dict[str, Any], list[str]]]) -> dict[str, Any]:
+    distinct([groups for _, groups in pieces])
+    return sum_of_counts([counts for counts, _ in pieces])
+
+
+@rule("BD-CAN-012", _counts)
 def canonical_counts_add_up(view: ReleaseView) -> Iterator[Check]:
     """Numbers of groups, attempts, records and dispositions are those of the tables."""
     document = view.document(SOURCE_FILE)
-    counts = source_counts(view.frame("records"), view.frame("attempts"))
+    counts = view.merged(_counts, _sum_of_counts)
     found = {name: document[name] for name in counts}
     yield document_check(SOURCE_FILE, len(counts), document_mismatches(counts, found))

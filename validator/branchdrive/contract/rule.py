@@ -30,8 +30,8 @@ from branchdrive.contract.resources import load_resource, project_url
 from branchdrive.errors import BranchDriveError
 
 __all__ = [
-    "AREAS", "CATALOGUE", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "Scope", "Stage", "cause_order", "rule",
-    "rules_of",
+    "AREAS", "CATALOGUE", "PIECES", "RULES", "Grain", "Kind", "Rule", "RuleInfo", "Scope", "Stage", "cause_order",
+    "rule", "rules_of",
 ]  # fmt: skip
 
 Kind = Literal["structure", "claim", "qualification", "diagnostic"]
@@ -112,8 +112,16 @@ RULES: dict[str, Rule] = {}
 """Functions of the rules by id, as far as their modules are imported."""
 
 
-def rule(rule_id: str) -> Callable[[AnyRule], AnyRule]:
+PIECES: dict[str, tuple[Callable[[Any], Any], ...]] = {}
+"""What rules of the scope ``layers`` take of each part of the derived layers, by id, as far as modules are imported."""
+
+
+def rule(rule_id: str, *pieces: Callable[[Any], Any]) -> Callable[[AnyRule], AnyRule]:
     """Bind a function to a rule of the catalogue.
+
+    Args:
+        rule_id: The rule.
+        pieces: Functions of a view of a part whose results the rule merges; see `ReleaseView.merged`.
 
     Raises:
         BranchDriveError: The catalogue has no such rule, or it is bound already.
@@ -124,7 +132,7 @@ def rule(rule_id: str) -> Callable[[AnyRule], AnyRule]:
             raise BranchDriveError(f"rule {rule_id!r} is not in schemas/v0.1/rules.json")
         if rule_id in RULES:
             raise BranchDriveError(f"rule {rule_id!r} is bound twice")
-        RULES[rule_id] = function
+        RULES[rule_id], PIECES[rule_id] = function, pieces
         return function
 
     return bind

@@ -333,10 +333,11 @@ def _is_sound(result: Any, digests: Mapping[str, str] | None) -> bool:
 
 
 def _rows(task: Any, result: Any) -> dict[str, Any]:
-    """What a shard put into its spool, by the name there."""
-    if not isinstance(task, ShardTask) or task.spool is None:
+    """What a task put into its spool, by the name there."""
+    if task.spool is None:
         return {}
-    names = [f"{spooled_name(task.folder)}.{frame}" for frame in result.frames]
+    is_shard = isinstance(task, ShardTask)
+    names = [f"{spooled_name(task.folder)}.{frame}" for frame in result.frames] if is_shard else result.pieces
     return {name: task.spool.get(name) for name in names}
 
 

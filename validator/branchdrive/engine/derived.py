@@ -78,15 +78,15 @@ def judge_derived(
         for tally in tallies.values():
             tally.add(Tally(tally.rule_id, unjudged=files.unjudged, is_exceeded=files.is_exceeded))
     else:
-        tasks = [*layers_tasks(reading, files, selected, max_bytes)]
-        outcomes = dict(executor(judge_part, tasks))
-        for index, task in enumerate(tasks):
-            outcome = outcomes[index]
-            if not isinstance(outcome, LayersResult):
-                outcome = _unjudged(task, outcome, reading)
-            for rule_id in outcome.tallies.keys() & tallies.keys():
-                tallies[rule_id].add(outcome.tallies[rule_id])
-            population = population or outcome.population
+        for tasks in layers_tasks(reading, files, selected, max_bytes):
+            outcomes = dict(executor(judge_part, tasks)) if tasks else {}
+            for index, task in enumerate(tasks):
+                outcome = outcomes[index]
+                if not isinstance(outcome, LayersResult):
+                    outcome = _unjudged(task, outcome, reading)
+                for rule_id in outcome.tallies.keys() & tallies.keys():
+                    tallies[rule_id].add(outcome.tallies[rule_id])
+                population = population or outcome.population
     return Derived(tallies, files.digests, files.unreadable, population, files.content)
 
 
@@ -107,10 +107,11 @@ def _unjudged(task: LayersTask, outcome: Died | Failed, reading: Reading) -> Lay
 
 def layers_tasks(
     reading: Reading, files: LayerFiles, selected: frozenset[str], max_bytes: int | None = None
-) -> Iterator[LayersTask]:
-    """Tasks on the whole, the longest first, and then one for each part.
+) -> Iterator[list[LayersTask]]:
+    """Tasks of each part, and then tasks on the whole, the longest first, which may take pieces of the parts.
 
     A raw layer of a few groups of one part is one task: what starting more of them takes would be most of their time.
+    Where there is one part, tasks on the whole wait for nothing.
     """
     wanted = selected | {POPULATION_RULE}
     whole = [r for r in rules_of("layers", "layer_rows") if r in wanted and r not in STRUCTURE_RULES]
@@ -138,27 +139,49 @@ def layers_tasks(
         max_bytes=max_bytes or spec_limits().max_dataset_worker_bytes,
     )
     if len(parts) <= 1 and shards and sum(len(shard.group_ids) for shard in shards) <= MAX_GROUPS_AT_ONCE:
-        yield replace(every, rules=tuple(whole))
+        yield [replace(every, rules=tuple(whole))]
         return
     is_divided = bool(raw.shards) or len(parts) > 1
     if is_divided:
         whole = [rule_id for rule_id in whole if rule_id not in rows]
-    for area in _LONG:
-        yield replace(every, rules=tuple(r for r in whole if r.startswith(area)))
-    yield replace(every, rules=tuple(r for r in whole if not r.startswith(_LONG)))
-    for part in parts if is_divided and rows else ():
-        names = (*others.files, *files_of.get(part, ()))
-        yield replace(
-            every,
-            rules=tuple(rows),
-            part=part,
-            raw=_of_part(raw, shards_of.get(part, ())),
-            num_rows={path: files.num_rows[path] for path in names if path in files.num_rows},
-            names=names,
-            digests={path: files.digests[path] for path in names if path in files.digests},
-            content={path: files.content[path] for path in names if path in files.content},
-            max_bytes=spec_limits().max_worker_bytes,
+    areas = [[rule_id for rule_id in whole if rule_id.startswith(area)] for area in _LONG]
+    areas.append([rule_id for rule_id in whole if not rule_id.startswith(_LONG)])
+    gives_pieces = len(parts) > 1 and _are_in_place(files)
+    on_whole = [
+        replace(every, rules=tuple(rules), parts=tuple(parts) if gives_pieces else ()) for rules in areas if rules
+    ]
+    of_parts = [
+        _task_of_part(
+            every, part, (*others.files, *files_of.get(part, ())), files, _of_part(raw, shards_of.get(part, ()))
         )
+        for part in (parts if is_divided else ())
+    ]
+    of_parts = [replace(task, rules=tuple(rows), pieces_for=tuple(whole) if gives_pieces else ()) for task in of_parts]
+    of_parts = [task for task in of_parts if task.rules or task.pieces_for]
+    if gives_pieces:
+        yield of_parts
+        yield on_whole
+    else:
+        yield [*on_whole, *of_parts]
+
+
+def _task_of_part(every: LayersTask, part: int, names: tuple[str, ...], files: LayerFiles, raw: RawRows) -> LayersTask:
+    """The task of a part, of its files and those of no part."""
+    return replace(
+        every,
+        part=part,
+        raw=raw,
+        num_rows={path: files.num_rows[path] for path in names if path in files.num_rows},
+        names=names,
+        digests={path: files.digests[path] for path in names if path in files.digests},
+        content={path: files.content[path] for path in names if path in files.content},
+        max_bytes=spec_limits().max_worker_bytes,
+    )
+
+
+def _are_in_place(files: LayerFiles) -> bool:
+    """Whether rows of each group lie in one part: what a part gives is of its groups then, and of no others."""
+    return not files.foreign and not files.broken.get("BD-LYR-010")
 
 
 def _whole_tables(files: LayerFiles, task: LayerFilesTask) -> tuple[str, ...]:

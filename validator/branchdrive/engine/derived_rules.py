@@ -1,13 +1,13 @@
 """Rules on the derived layers: on the layers as a whole, or on the rows of one part.
 
 Rules of the scope `layer_rows` compare stored rows with what raw rows of the same groups give, so they are judged
-part by part, on the files of the part and on the shards that it is of; totals add up. Rules of the scope `layers` need
-all rows. Source: spec/07-rules.md#order.
+part by part, on the files of the part and on the shards that it is of; totals add up. Rules of the scope `layers` are
+judged on the whole, many of them by pieces that the tasks of parts give. Source: spec/07-rules.md#order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
@@ -19,7 +19,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import paths_by_table
 from branchdrive.contract.mismatch import Check, Location, Mismatch
-from branchdrive.contract.rule import CATALOGUE, RULES
+from branchdrive.contract.rule import CATALOGUE, PIECES, RULES
 from branchdrive.engine.judge import judge
 from branchdrive.engine.rules import bind_rules
 from branchdrive.engine.spool import Spool, SpooledFrames, SpooledTables
@@ -74,6 +74,8 @@ class LayersTask:
         broken: Tables that fail each rule on structure.
         content: Digest of what each table and document says; empty where digests were not computed.
         max_bytes: Private memory that the process may take.
+        pieces_for: Rules on the whole that get pieces from this part.
+        parts: Parts that gave pieces; none where rows of a part are not those of its groups.
     """
 
     rules: tuple[str, ...]
@@ -89,25 +91,76 @@ class LayersTask:
     broken: Mapping[str, frozenset[str]]
     content: Mapping[str, str]
     max_bytes: int
+    pieces_for: tuple[str, ...] = ()
+    parts: tuple[int, ...] = ()
 
 
 @dataclass
 class LayersResult:
-    """What became of the rules: their totals, and the population if its rule is among them and passes."""
+    """What became of the rules.
+
+    Attributes:
+        tallies: Their totals.
+        population: The population, if its rule is among them and passes.
+        pieces: Names of the pieces that were put into the spool.
+    """
 
     tallies: dict[str, Tally] = field(default_factory=dict)
     population: dict[str, Any] | None = None
+    pieces: list[str] = field(default_factory=list)
 
 
 def judge_part(task: LayersTask) -> LayersResult:
-    """Judge the rules of a task."""
+    """Judge the rules of a task, and put the pieces that rules on the whole take of this part into the spool."""
     view = view_of(task)
     with memory_limit(task.max_bytes):
         tallies, _ = judge_layers(view, task.rules, task.broken)
+        pieces = _put_pieces(task, view)
     from branchdrive.quality.rules.qualification import POPULATION
 
     holds = POPULATION_RULE in tallies and tallies[POPULATION_RULE].status == "pass"
-    return LayersResult(tallies, view.document(POPULATION) if holds else None)
+    return LayersResult(tallies, view.document(POPULATION) if holds else None, pieces)
+
+
+@np.errstate(all="ignore")
+def _put_pieces(task: LayersTask, view: ReleaseView) -> list[str]:
+    """Names of the pieces that this part has; who needs another one takes all rows, and says what is wrong of them."""
+    names: list[str] = []
+    for rule_id in task.pieces_for:
+        info = CATALOGUE[rule_id]
+        if info.layer is None or not view.claims(info.layer):
+            continue
+        bind_rules(info.layer)
+        for piece in PIECES[rule_id]:
+            name = _piece_name(task.part, piece)
+            if name not in names:
+                for value in _piece_if_any(piece, _trusted(view, rule_id, task.broken)):
+                    task.spool.put(name, value)
+                    names.append(name)
+    return names
+
+
+def _piece_if_any(piece: Callable[[ReleaseView], Any], view: ReleaseView) -> list[Any]:
+    try:
+        return [piece(view)]
+    except MemoryError:
+        raise
+    except Exception:  # the rule takes all rows then, which fail in the same way, and is told of
+        return []
+
+
+def _piece_name(part: int | None, piece: Callable[[ReleaseView], Any]) -> str:
+    return f"part-{part}.{piece.__module__}.{piece.__qualname__}"
+
+
+def _trusted(view: ReleaseView, rule_id: str, broken: Mapping[str, frozenset[str]]) -> ReleaseView:
+    """The view without the tables that fail what the rule requires."""
+    return view.without({name for other in CATALOGUE[rule_id].requires for name in broken.get(other, ())})
+
+
+def _given_pieces(task: LayersTask, piece: Callable[[ReleaseView], Any]) -> list[Any] | None:
+    names = [_piece_name(part, piece) for part in task.parts]
+    return [task.spool.get(name) for name in names] if names and all(map(task.spool.has, names)) else None
 
 
 def view_of(task: LayersTask) -> ReleaseView:
@@ -125,6 +178,7 @@ def view_of(task: LayersTask) -> ReleaseView:
         part=task.part,
         sizes=task.sizes,
         content=task.content,
+        pieces_of=partial(_given_pieces, task),
     )
 
 
@@ -136,7 +190,9 @@ def _raw_layer(task: LayersTask) -> RawLayer:
     if not raw.is_own:
         none = np.zeros(0, np.int64)
         rows = {name: take(frame, none) for name, frame in rows.items()}
-    return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)
+        return RawLayer(rows, digest=raw.digest, descriptor=raw.descriptor)
+    shards = [SpooledFrames(task.spool, [shard], raw.names) for shard in raw.shards]
+    return RawLayer(rows, shards=shards, digest=raw.digest, descriptor=raw.descriptor)
 
 
 @np.errstate(all="ignore")  # what overflows or is not a number is found by the rules, not by warnings
@@ -159,8 +215,7 @@ def judge_layers(
         tally = tallies[rule_id] = Tally(rule_id, is_claimed=info.layer is None or view.claims(info.layer))
         if tally.is_claimed:
             bind_rules(info.layer)
-            trusted = view.without({name for other in info.requires for name in broken.get(other, ())})
-            bad = judge(tally, partial(RULES[rule_id], trusted), partial(_mismatches, view))
+            bad = judge(tally, partial(RULES[rule_id], _trusted(view, rule_id, broken)), partial(_mismatches, view))
             broken[rule_id] = frozenset(check.table for check in bad if check.table is not None)
     return tallies, broken
 

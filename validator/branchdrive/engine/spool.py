@@ -59,6 +59,10 @@ class Spool:
         with (self.folder / name).open("rb") as stream:
             return pickle.load(stream)  # noqa: S301  (a file of this process group's own)
 
+    def has(self, name: str) -> bool:
+        """Whether a value was put."""
+        return (self.folder / name).exists()
+
     def put_table(self, name: str, table: pa.Table) -> None:
         """Keep the rows of a table.
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mismatch, Mismatches
 from branchdrive.driving.response import Responses, Sights
+from branchdrive.driving.target import Targets, Trajectory
 from branchdrive.driving.track_end import TrackEnds
 from branchdrive.engine.derived_rules import LayersResult
 from branchdrive.engine.finding import Finding
@@ -26,6 +27,7 @@ from branchdrive.engine.shard import ShardResult
 from branchdrive.engine.tally import Tallies, Tally
 from branchdrive.files.group_marks import Outlines, Tracks
 from branchdrive.files.identities import Identities
+from branchdrive.model.arrays import Masked, ModelArrays
 from branchdrive.raw.funnel import Funnel, GroupOutcome
 
 __all__ = ["from_bytes", "to_bytes"]
@@ -33,8 +35,8 @@ __all__ = ["from_bytes", "to_bytes"]
 _CLASSES = {
     one.__name__: one
     for one in (
-        Finding, Funnel, GroupOutcome, Identities, LayersResult, Mismatch, Mismatches, Outlines, Responses, ShardResult,
-        Sights, Tallies, Tally, TrackEnds, Tracks,
+        Finding, Funnel, GroupOutcome, Identities, LayersResult, Masked, Mismatch, Mismatches, ModelArrays, Outlines,
+        Responses, ShardResult, Sights, Tallies, Tally, Targets, TrackEnds, Tracks, Trajectory,
     )
 }  # fmt: skip
 _KINDS = "biufSUM"

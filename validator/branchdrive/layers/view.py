@@ -5,7 +5,8 @@ Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,9 +24,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-__all__ = ["RawLayer", "ReleaseView"]
+__all__ = ["PiecesOf", "RawLayer", "ReleaseView"]
 
 T = TypeVar("T")
+Piece = TypeVar("Piece")
+
+PiecesOf = Callable[[Callable[["ReleaseView"], Any]], "list[Any] | None"]
+"""Gives what a function of a part was for every part, in their order; ``None`` where that is not known of all."""
 
 
 class RawLayer:
@@ -34,6 +39,7 @@ class RawLayer:
     Attributes:
         rows: Rows that it gives, by table; ``None`` where it is not available.
         reason: Why it is not.
+        shards: The same rows shard by shard; of one piece where they are not given so.
         digest: Digest of the content of the layer; ``None`` where it is not known.
         descriptor: Its dataset's descriptor; ``None`` where it is not available.
     """
@@ -43,11 +49,13 @@ class RawLayer:
         rows: Mapping[str, Frame] | None,
         reason: str = "",
         *,
+        shards: Sequence[Mapping[str, Frame]] | None = None,
         digest: str | None = None,
         descriptor: Descriptor | None = None,
     ) -> None:
         self.rows = rows
         self.reason = reason
+        self.shards = tuple(shards) if shards is not None else (() if rows is None else (rows,))
         self.digest = digest
         self.descriptor = descriptor
 
@@ -68,6 +76,7 @@ class ReleaseView:
         part: Number of the part that its rows of groups are of; ``None`` where they are of several.
         sizes: Bytes of the checkpoints, of which the header alone is in `contents`, by path.
         content: Digest of what each table and document says, by path; empty where digests were not computed.
+        pieces_of: What parts gave before; nothing by default.
     """
 
     def __init__(
@@ -85,6 +94,7 @@ class ReleaseView:
         part: int | None = None,
         sizes: Mapping[str, int] | None = None,
         content: Mapping[str, str] | None = None,
+        pieces_of: PiecesOf = lambda _: None,
     ) -> None:
         self.descriptor = descriptor
         self.tables = tables
@@ -97,6 +107,7 @@ class ReleaseView:
         self.part = part
         self.sizes = dict(sizes or {})
         self.content = dict(content or {})
+        self.pieces_of = pieces_of
         self.mismatches = dict(mismatches or {})
         self._frames: dict[str, Frame] = {}
         self._paths = paths_by_table(self.num_rows)
@@ -199,6 +210,35 @@ class ReleaseView:
         if self.raw.digest not in (None, named):
             raise PreconditionError("the given raw layer is not the one that the release was built from")
         return self.raw.rows
+
+    def raw_shards(self, table: str) -> Iterator[Frame]:
+        """What the raw layer says of a table, shard by shard: who takes one at a time holds one.
+
+        Raises:
+            PreconditionError: As `raw_rows`.
+        """
+        _ = self.raw_rows  # raises
+        return (rows[table] for rows in self.raw.shards)
+
+    def merged(self, piece: Callable[[ReleaseView], Piece], merge: Callable[[Sequence[Piece]], T]) -> T:
+        """What follows from the rows of all parts, of pieces that each part gave.
+
+        Rows of all parts are one piece where some part gave none, and where pieces do not fit together: what is wrong
+        is said of all rows then, whatever the parts are.
+
+        Args:
+            piece: What a part gives, a function of its view that the rule was bound with.
+            merge: What follows from pieces, whatever the parts are; a `ValueError` where they do not fit together.
+
+        Raises:
+            PreconditionError: As `piece`, of all rows.
+            ValueError: As `piece` or `merge`, of all rows.
+        """
+        pieces = self.pieces_of(piece)
+        if pieces is not None:
+            with suppress(ValueError):
+                return merge(pieces)
+        return merge([piece(self)])
 
     def expected(self, table: str) -> Frame:
         """Rows that the raw layer gives for a table, as far as raw alone decides them.

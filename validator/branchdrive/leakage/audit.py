@@ -66,7 +66,7 @@ def audit_leakage(
         remember: Called with the name of a part and what computes it; returns the part. It may return what
             it kept of an earlier call under the same `audit_key`.
         progress: Called with parts done, parts in total, and the name of the next or `done`.
-        draw: How ranges of permutations and replicates of the gate are computed.
+        draw: How ranges of permutations and replicates are computed.
 
     Raises:
         ValueError: The seed is out of range, or the classifier gives scores of another shape.
@@ -74,7 +74,8 @@ def audit_leakage(
     protocol = protocol or AuditProtocol()
     features, columns = gate_features(inputs)
     battery = [
-        (way, way.parts(seed=seed, protocol=protocol.battery, classifier=sequence_classifier)) for way in ways(inputs)
+        (way, way.parts(seed=seed, protocol=protocol.battery, classifier=sequence_classifier, draw=draw))
+        for way in ways(inputs)
     ]
     total = 1 + sum(part.compute is not None for _, parts in battery for part in parts)
     done = 0

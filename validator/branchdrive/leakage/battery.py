@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from branchdrive.driving.angle import cos_sin
 from branchdrive.leakage.classifier import SequenceClassifier, SequenceTask, Unavailable, fit_logistic, log_probability
+from branchdrive.leakage.draw import Draw, drawn_here
 from branchdrive.leakage.inputs import ReplayInputs, pooled_controls
 from branchdrive.leakage.protocol import CLIP_SD, CONTROLS, SEQUENCE_TESTS, TESTS, BatteryProtocol
 from branchdrive.leakage.score import held_out_score
@@ -79,9 +80,14 @@ class Way(NamedTuple):
         return {name: int((self.inputs.in_partition(name) & self.groups).sum()) for name in PARTITIONS}
 
     def parts(
-        self, *, seed: int, protocol: BatteryProtocol, classifier: SequenceClassifier | Unavailable
+        self,
+        *,
+        seed: int,
+        protocol: BatteryProtocol,
+        classifier: SequenceClassifier | Unavailable,
+        draw: Draw = drawn_here,
     ) -> tuple[Part, ...]:
-        """Controls and then tests, each to be computed by itself."""
+        """Controls and then tests, each to be computed by itself, permutations of labels by `draw`."""
         found = []
         for name in (*CONTROLS, *TESTS):
             needed = PARTITIONS if name in SEQUENCE_TESTS else ("train", "test")
@@ -91,7 +97,7 @@ class Way(NamedTuple):
                 reason += " with an independent nominal replay"
             if not reason and name in SEQUENCE_TESTS and isinstance(classifier, Unavailable):
                 reason = classifier.reason
-            compute = None if reason else _Run(self, name, seed, protocol, classifier)
+            compute = None if reason else _Run(self, name, seed, protocol, classifier, draw)
             found.append(Part(name, compute, reason))
         return tuple(found)
 
@@ -121,6 +127,7 @@ class _Run:
     seed: int
     protocol: BatteryProtocol
     classifier: SequenceClassifier | Unavailable
+    draw: Draw
 
     def __call__(self) -> dict[str, Any]:
         if self.name in SEQUENCE_TESTS:
@@ -179,6 +186,7 @@ class _Run:
             num_permutations=p.num_permutations,
             num_resamples=p.num_resamples,
             atol=p.score_atol,
+            draw=self.draw,
         )
         return {"score": {**score._asdict(), "accuracy_interval": list(score.accuracy_interval)}, "training": training}
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -42,6 +43,9 @@ CONTROL_SPANS = tuple(
     for start in range(-CONTROL_HISTORY_TICKS, 0, OBSERVATION_STRIDE_TICKS)
 )
 """First and last offset from ``t_b`` of the controls that one mean is taken over: -80 .. -76, .. -5 .. -1."""
+
+_DIGESTED_AT_ONCE = 256
+"""Groups whose values are brought into the form of the digest at once."""
 
 _ARRAYS = ("availability", "discrepancy", "ego", "controls")
 
@@ -157,15 +161,24 @@ class ReplayInputs:
         }
         sha = hashlib.sha256(json.dumps(head, sort_keys=True, separators=(",", ":")).encode() + b"\n")
         for name in _ARRAYS:
-            values = getattr(self, name) + 0.0
-            sha.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-        sha.update(self.streams.ranks.astype("<i2").tobytes())
+            for part in _in_blocks(getattr(self, name)):
+                values = part + 0.0
+                sha.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+        for part in _in_blocks(self.streams.ranks):
+            sha.update(part.astype("<i2").tobytes())
         sha.update(self.streams.spread.astype("<f4").tobytes())
         return sha.hexdigest()
 
 
+def _in_blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Rows of some groups at a time, one after the other, so that what is computed of them is small."""
+    return (values[start : start + _DIGESTED_AT_ONCE] for start in range(0, len(values), _DIGESTED_AT_ONCE))
+
+
 def _owned(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
-    """A copy that cannot be written to."""
+    """Values that cannot be written to: a copy, or they themselves where nobody can."""
+    if isinstance(values, np.ndarray) and values.dtype == dtype and values.base is None and not values.flags.writeable:
+        return values
     array = np.array(values, dtype)
     array.flags.writeable = False
     return array

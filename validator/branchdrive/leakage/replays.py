@@ -32,7 +32,7 @@ from branchdrive.quality.replay import Pairs
 from branchdrive.quality.threshold import VARIABLES
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.window import window_rows
-from branchdrive.tables.frame import Frame
+from branchdrive.tables.frame import Frame, take
 
 __all__ = [
     "AVAILABILITY_NAMES",
@@ -53,6 +53,11 @@ AVAILABILITY_NAMES = ("controls", "observations", "evidence", "actors")
 """Streams whose share of the expected rows before the branch is an input."""
 
 CONTROL_NAMES = ("steer", "throttle", "brake")
+
+_AUDITED = (
+    "group_id", "availability", "discrepancy", "ego", "controls", "has_nominal_replay", "stream_ranks", "stream_spread",
+)  # fmt: skip
+"""Facts that an audit sees; what rules ask of nominals is beside them."""
 
 EGO_NAMES = ("x_m", "y_m", "yaw_rad", "speed_mps", "accel_mps2", "yaw_rate_radps")
 """Variables in the order of the last axis of `ego_frames`."""
@@ -234,44 +239,47 @@ def collected_inputs(replays: Iterable[Frame], homes: Mapping[str, str], descrip
         at = np.array([place[groups[row]] for row in rows.tolist()], np.intp)
         if not part["has_images"][rows].all():
             raise ValueError("not all images were decoded")
-        for name, values in part.items():
+        for name in _AUDITED:
             if name not in found:
-                found[name] = np.zeros((len(chosen), *values.shape[1:]), values.dtype)
-            found[name][at] = values[rows]
+                found[name] = np.zeros((len(chosen), *part[name].shape[1:]), part[name].dtype)
+            found[name][at] = part[name][rows]
         is_found[at] = True
     if not is_found.all():
         raise ValueError(f"group {chosen[int(np.argmin(is_found))]!r} is core-valid and not integrity-complete")
-    return inputs_of_facts(found, slice(None), tuple(homes[group] for group in chosen), descriptor)
+    for values in found.values():
+        values.flags.writeable = False
+    return inputs_of_facts(found, None, tuple(homes[group] for group in chosen), descriptor)
 
 
 def inputs_of_facts(
-    replays: Frame, rows: NDArray[np.intp] | slice, partitions: tuple[str, ...], descriptor: Descriptor
+    replays: Frame, rows: NDArray[np.intp] | None, partitions: tuple[str, ...], descriptor: Descriptor
 ) -> ReplayInputs:
     """Inputs of some groups.
 
     Args:
         replays: Facts of the replays of groups, as `replay_facts` gives them.
-        rows: Rows of the groups, in the order of their identities.
+        rows: Rows of the groups, in the order of their identities; ``None`` where those are all, in their order.
         partitions: Partition of each.
         descriptor: Of the dataset.
     """
     bank = descriptor.action_bank
+    facts = replays if rows is None else take(replays, rows)
     return ReplayInputs(
-        tuple(replays["group_id"][rows].tolist()),
+        tuple(facts["group_id"].tolist()),
         partitions,
         tuple(bank.keys),
         bank.nominal_index,
         AVAILABILITY_NAMES,
         EGO_NAMES,
         CONTROL_NAMES,
-        replays["availability"][rows],
-        replays["discrepancy"][rows],
-        replays["ego"][rows],
-        replays["controls"][rows],
-        replays["has_nominal_replay"][rows],
+        facts["availability"],
+        facts["discrepancy"],
+        facts["ego"],
+        facts["controls"],
+        facts["has_nominal_replay"],
         Streams(
             stream_columns(descriptor.tables, examined_cameras(descriptor)),
-            replays["stream_ranks"][rows],
-            replays["stream_spread"][rows],
+            facts["stream_ranks"],
+            facts["stream_spread"],
         ),
     )

@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from branchdrive.leakage.draw import Draw, drawn_here, ranges_of
 from branchdrive.leakage.protocol import CONTROLS, BatteryProtocol
 from branchdrive.leakage.table import rows_agree
 from branchdrive.statistics.holm import holm
@@ -73,7 +74,13 @@ class Score(NamedTuple):
 
 
 def held_out_score(
-    log_probability: ArrayLike, *, seed: int, num_permutations: int, num_resamples: int, atol: float
+    log_probability: ArrayLike,
+    *,
+    seed: int,
+    num_permutations: int,
+    num_resamples: int,
+    atol: float,
+    draw: Draw = drawn_here,
 ) -> Score:
     """Score of log-probabilities ``[groups, actions, actions]``, rows by action, classes last.
 
@@ -83,6 +90,7 @@ def held_out_score(
         num_permutations: At least 1.
         num_resamples: At least 1.
         atol: Largest difference of scores that count as identical.
+        draw: How ranges of permutations are computed.
 
     Raises:
         ValueError: The shape is wrong, there is no group, or a value is not finite.
@@ -90,7 +98,7 @@ def held_out_score(
     scores = np.asarray(log_probability, np.float64)
     if scores.ndim != 3 or not scores.size or scores.shape[1] != scores.shape[2] or not np.isfinite(scores).all():
         raise ValueError(f"scores have shape {list(scores.shape)}, not [groups, actions, actions], or are not finite")
-    num_groups, num_actions, _ = scores.shape
+    num_actions = scores.shape[1]
     largest = scores >= scores.max(axis=2, keepdims=True) - _TIE
     hits = largest / largest.sum(axis=2, keepdims=True)
     identical = rows_agree(scores, atol=atol)
@@ -101,15 +109,25 @@ def held_out_score(
     if identical:
         return Score(float(observed[0]), (low, high), float(observed[1]), 1.0, 1.0, True)
 
-    null = np.empty((2, num_permutations))
-    groups = np.arange(num_groups)[:, None]
-    for start in range(0, num_permutations, _PERMUTATIONS_AT_ONCE):
-        stop = min(start + _PERMUTATIONS_AT_ONCE, num_permutations)
-        rows = group_orders(seed, _HELD_OUT, stop - start, num_groups, num_actions, first_row=start)
-        for measure, m in enumerate((hits, scores)):
-            null[measure, start:stop] = m[groups, rows, actions].mean(axis=(1, 2))
+    measures = np.stack([hits, scores])
+    found = draw(_null_of, (measures, seed), ranges_of(num_permutations, _PERMUTATIONS_AT_ONCE))
+    null = np.concatenate(found, axis=1)
     p = [p_value(float(value), column) for value, column in zip(observed, null, strict=True)]
     return Score(float(observed[0]), (low, high), float(observed[1]), p[0], p[1], False)
+
+
+def _null_of(subject: tuple[Array, int], numbers: range) -> Array:
+    """Measures of permutations ``[measures, permutations]`` of ``m`` ``[measures, groups, actions, actions]``."""
+    measures, seed = subject
+    _, num_groups, num_actions, _ = measures.shape
+    null = np.empty((len(measures), len(numbers)))
+    groups, actions = np.arange(num_groups)[:, None], np.arange(num_actions)
+    for start in range(numbers.start, numbers.stop, _PERMUTATIONS_AT_ONCE):
+        stop = min(start + _PERMUTATIONS_AT_ONCE, numbers.stop)
+        rows = group_orders(seed, _HELD_OUT, stop - start, num_groups, num_actions, first_row=start)
+        for measure, m in enumerate(measures):
+            null[measure, start - numbers.start : stop - numbers.start] = m[groups, rows, actions].mean(axis=(1, 2))
+    return null
 
 
 def _interval(per_group: Array, num_resamples: int, seed: int) -> tuple[float, float]:

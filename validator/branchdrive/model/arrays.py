@@ -26,11 +26,11 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY, Targets, Trajectory
 from branchdrive.errors import DatasetError
 from branchdrive.model.features import HISTORIES
-from branchdrive.tables.frame import Frame, num_rows
+from branchdrive.tables.frame import Frame, distinct, num_rows
 
 __all__ = [
-    "Masked", "ModelArrays", "pack_actions", "pack_arrays", "pack_column", "pack_history", "pack_scalars",
-    "pack_surroundings", "pack_trajectories",
+    "Masked", "ModelArrays", "joined_arrays", "pack_actions", "pack_arrays", "pack_column", "pack_history",
+    "pack_scalars", "pack_surroundings", "pack_trajectories",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -73,6 +73,36 @@ class ModelArrays:
     actions: NDArray[np.float32] | None
     scalars: Targets
     trajectories: Trajectory
+
+
+def joined_arrays(parts: Sequence[ModelArrays]) -> ModelArrays:
+    """Arrays of the groups of all parts, at least one, in sorted order.
+
+    Raises:
+        ValueError: Two parts have the same group, or other candidates, or one alone has surroundings.
+    """
+    if len(parts) == 1 and [*parts[0].groups] == sorted(parts[0].groups):
+        return parts[0]
+    first, filled = parts[0], [part for part in parts if part.groups]
+    groups = distinct([part.groups for part in parts])
+    have = {part.surroundings is not None for part in filled}
+    if len(have) > 1 or any(part.candidates != first.candidates for part in parts):
+        raise ValueError("parts of a model layer have other arrays")
+    order = sorted(range(len(groups)), key=groups.__getitem__)
+
+    def joined(*arrays: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate(arrays)[order]
+
+    filled = filled or [first]
+    return ModelArrays(
+        tuple(groups[place] for place in order),
+        first.candidates,
+        *(joined(*(getattr(part, name) for part in filled)) for name in ("state", "controls", "expert")),
+        Masked(*map(joined, *(part.surroundings for part in filled if part.surroundings))) if True in have else None,
+        first.actions,
+        Targets(*map(joined, *(part.scalars for part in filled))),
+        Trajectory(*map(joined, *(part.trajectories for part in filled))),
+    )
 
 
 def pack_arrays(frames: Mapping[str, Frame], groups: Sequence[str], candidates: Sequence[str]) -> ModelArrays:

@@ -26,12 +26,12 @@ from branchdrive.driving.history import history_of
 from branchdrive.model.arrays import pack_history
 from branchdrive.model.normalisation import Training, fit_controls, fit_state, training
 from branchdrive.statistics.split import TRAINING
-from branchdrive.tables.frame import Frame, of_groups
+from branchdrive.tables.frame import Frame, distinct
 
 __all__ = [
-    "MIN_TRAINING", "QUANTILE", "DuplicateFlags", "NearDuplicates", "Nearest", "duplicate_flags", "duplicates_among",
-    "history_vectors", "judged_distances", "judged_flags", "near_duplicates",
-    "nearest_in_training", "nearest_other", "standardised", "valid_groups",
+    "MIN_TRAINING", "QUANTILE", "DuplicateFlags", "Histories", "NearDuplicates", "Nearest", "duplicates_among",
+    "history_vectors", "judged_distances", "judged_flags", "near_duplicates", "nearest_in_training", "nearest_other",
+    "standardised", "valid_groups",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -197,24 +197,48 @@ def _distance(points: Array, a: Index, b: Index) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def duplicates_among(
-    state: Frame, past_controls: Frame, groups: Sequence[str], assignment: Mapping[str, str]
-) -> NearDuplicates:
-    """Near duplicates among `groups`, by histories that are scaled on those of them that are in training.
+class Histories(NamedTuple):
+    """Histories of groups: their ids, state ``[groups, 16, features]`` and controls ``[groups, 80, 3]``."""
+
+    groups: list[str]
+    state: Array
+    controls: Array
+
+    @classmethod
+    def of(cls, state: Frame, past_controls: Frame, groups: Sequence[str]) -> Histories:
+        """Histories of groups, of rows of the tables `state` and `past_controls` of these groups and no others.
+
+        Raises:
+            DatasetError: A group lacks a row.
+        """
+        packed = pack_history(state, "state", groups), pack_history(past_controls, "past_controls", groups)
+        return cls([*groups], *packed)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Histories]) -> Histories:
+        """Histories of the groups of all parts, in sorted order.
+
+        Raises:
+            ValueError: Two parts have the same group.
+        """
+        groups = distinct([part.groups for part in parts])
+        order = np.argsort(np.array(groups, object), kind="stable")
+        state, controls = (np.concatenate([part[place] for part in parts])[order] for place in (1, 2))
+        return cls([groups[place] for place in order.tolist()], state, controls)
+
+
+def duplicates_among(histories: Histories, assignment: Mapping[str, str]) -> NearDuplicates:
+    """Near duplicates among groups, by histories that are scaled on those of them that are in training.
 
     Args:
-        state: Rows of the table `state`, of these groups and no others.
-        past_controls: Rows of the table `past_controls`, of the same groups.
-        groups: Groups in sorted order.
+        histories: Of groups in sorted order.
         assignment: Partition by group id.
 
     Raises:
         ValueError: Fewer than two groups are in training.
-        DatasetError: A group lacks a row.
     """
-    states, controls = pack_history(state, "state", groups), pack_history(past_controls, "past_controls", groups)
-    points = standardised(states, controls, training(groups, assignment))
-    return near_duplicates(points, [assignment[group] for group in groups])
+    points = standardised(histories.state, histories.controls, training(histories.groups, assignment))
+    return near_duplicates(points, [assignment[group] for group in histories.groups])
 
 
 def standardised(state: Array, controls: Array, fitted_on: Training) -> Array:
@@ -239,24 +263,6 @@ class DuplicateFlags(NamedTuple):
 
     flagged: NDArray[np.bool_]
     doubtful: NDArray[np.bool_]
-
-
-def duplicate_flags(groups: Frame, state: Frame, past_controls: Frame, assignment: Mapping[str, str]) -> DuplicateFlags:
-    """Core-valid groups outside of training that are near duplicates across partitions, and how surely.
-
-    Nothing is compared where fewer than two core-valid groups are in training.
-
-    Args:
-        groups: Rows of `group_quality` with `core_valid`.
-        state: Rows of the table `state` of at least the core-valid groups.
-        past_controls: Rows of the table `past_controls`, likewise.
-        assignment: Partition by group id.
-    """
-    valid = valid_groups(groups, assignment)
-    found = None
-    if valid:
-        found = duplicates_among(of_groups(state, valid), of_groups(past_controls, valid), valid, assignment)
-    return judged_flags(groups, valid, found, assignment)
 
 
 def valid_groups(groups: Frame, assignment: Mapping[str, str]) -> list[str]:

@@ -12,7 +12,7 @@ Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/11-fid
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.driving.discrepancy import CORE
-from branchdrive.quality.partition import PARTITIONS, assignment_of
+from branchdrive.quality.partition import PARTITIONS
 from branchdrive.quality.retention import NUM_RESAMPLES, retention
 from branchdrive.quality.threshold import (
     FLOORS,
@@ -31,13 +31,14 @@ from branchdrive.quality.threshold import (
     passes,
     thresholds_of_largest,
 )
-from branchdrive.statistics.split import TRAINING, split_digest
+from branchdrive.statistics.split import TRAINING
 from branchdrive.tables.frame import Frame, Values
 
 __all__ = [
-    "CRITERIA", "LEVEL", "Largest", "bank_rows", "discrepancies_of", "fitting_groups", "largest_of", "near_thresholds",
-    "passing_counts", "retention_document", "retention_document_of", "threshold_document", "threshold_document_of",
-    "thresholds_of", "with_passes", "with_validity",
+    "CRITERIA", "LEVEL", "Largest", "PassingCounts", "Validity", "bank_actions", "bank_rows", "discrepancies_of",
+    "eligible_in_training", "fitting_groups", "largest_of", "near_thresholds", "one_bank", "passing_counts",
+    "retention_document_of", "threshold_document_of", "thresholds_of",
+    "validity", "with_passes", "with_validity",
 ]  # fmt: skip
 
 Index = NDArray[np.int64]
@@ -49,32 +50,22 @@ LEVEL = 0.95
 """Level of the intervals of retention."""
 
 
-def threshold_document(pairs: Frame, groups: Frame) -> dict[str, Any]:
-    """The document ``thresholds.json``, fitted on the interventions of eligible training groups and on nothing else.
-
-    Args:
-        pairs: Rows of `pairs`; no flag of theirs is read.
-        groups: Rows of `group_quality` with partitions.
-
-    Raises:
-        ValueError: No training group is eligible, or one of them lacks a pair.
-    """
-    assignment = assignment_of(groups)
-    fitted_on = fitting_groups(groups, assignment)
-    return threshold_document_of([largest_of(pairs, fitted_on)], split_digest(assignment))
-
-
 def fitting_groups(groups: Frame, assignment: Mapping[str, str]) -> list[str]:
     """Eligible training groups, sorted: those that thresholds are fitted on.
 
     Raises:
         ValueError: There is none.
     """
-    eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
-    fitted_on = sorted(group_id for group_id in eligible if assignment.get(group_id) == TRAINING)
+    fitted_on = eligible_in_training(groups, assignment)
     if not fitted_on:
         raise ValueError("no training group is structurally eligible, so no threshold can be fitted")
     return fitted_on
+
+
+def eligible_in_training(groups: Frame, assignment: Mapping[str, str]) -> list[str]:
+    """Eligible groups in training, sorted; of a part of the groups there may be none."""
+    eligible = groups["group_id"][np.asarray(groups["eligible"], np.bool_)].tolist()
+    return sorted(group_id for group_id in eligible if assignment.get(group_id) == TRAINING)
 
 
 class Largest(NamedTuple):
@@ -99,8 +90,26 @@ def largest_of(pairs: Frame, group_ids: list[str]) -> Largest:
     """
     rows = bank_rows(pairs, group_ids)
     there = np.asarray(pairs["has_pedestrian"], np.bool_)[rows].any(axis=1)
-    actions = tuple(pairs["action_key"][rows[0]].tolist()) if len(rows) else ()
-    return Largest(largest_discrepancies(discrepancies_of(pairs)[rows]), np.asarray(there), actions)
+    return Largest(largest_discrepancies(discrepancies_of(pairs)[rows]), np.asarray(there), bank_actions(pairs, rows))
+
+
+def bank_actions(pairs: Frame, rows: Index) -> tuple[str, ...]:
+    """Actions of banks ``[groups, actions]``; none without a group."""
+    return tuple(pairs["action_key"][rows[0]].tolist()) if len(rows) else ()
+
+
+def one_bank(banks: Iterable[tuple[str, ...]]) -> None:
+    """Groups that come in parts have the same actions.
+
+    Args:
+        banks: Actions of each part; none of a part without a group.
+
+    Raises:
+        ValueError: They have not.
+    """
+    found = sorted({bank for bank in banks if bank})
+    if len(found) > 1:
+        raise ValueError(f"of two groups one alone has a pair of {min({*found[0]} ^ {*found[1]})!r}")
 
 
 def threshold_document_of(parts: Sequence[Largest], split_digest: str) -> dict[str, Any]:
@@ -113,9 +122,7 @@ def threshold_document_of(parts: Sequence[Largest], split_digest: str) -> dict[s
     Raises:
         ValueError: Groups of two parts have not the same actions.
     """
-    banks = sorted({part.actions for part in parts if part.actions})
-    if len(banks) > 1:
-        raise ValueError(f"of two training groups one alone has a pair of {min({*banks[0]} ^ {*banks[1]})!r}")
+    one_bank(part.actions for part in parts)
     fitted = thresholds_of_largest(
         np.concatenate([part.values for part in parts]), np.concatenate([part.has_pedestrian for part in parts])
     )
@@ -194,46 +201,58 @@ def with_validity(groups: Frame, pairs: Frame) -> dict[str, Values]:
     Raises:
         ValueError: An eligible group lacks a pair that others have.
     """
+    return {**groups, **validity(groups, pairs).columns}
+
+
+class Validity(NamedTuple):
+    """Which groups are valid.
+
+    Attributes:
+        flags: By criterion ``[groups, criteria]``.
+        actions: Actions of each bank, sorted; none without an eligible group.
+    """
+
+    flags: NDArray[np.bool_]
+    actions: tuple[str, ...]
+
+    @property
+    def columns(self) -> dict[str, Values]:
+        """Columns of `group_quality`."""
+        return {f"{criterion}_valid": self.flags[:, place] for place, criterion in enumerate(CRITERIA)}
+
+
+def validity(groups: Frame, pairs: Frame) -> Validity:
+    """Which groups are valid, and of which actions their banks are; takes and raises what `with_validity` does."""
     eligible = np.asarray(groups["eligible"], np.bool_)
     rows = bank_rows(pairs, groups["group_id"][eligible].tolist())
-    columns: dict[str, Values] = {}
-    for criterion in CRITERIA:
-        valid = np.zeros(len(eligible), np.bool_)
-        valid[eligible] = np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows].all(axis=1)
-        columns[f"{criterion}_valid"] = valid
-    return {**groups, **columns}
+    flags = np.zeros((len(eligible), len(CRITERIA)), np.bool_)
+    for place, criterion in enumerate(CRITERIA):
+        flags[eligible, place] = np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows].all(axis=1)
+    return Validity(flags, bank_actions(pairs, rows))
 
 
-def retention_document(
-    pairs: Frame, groups: Frame, *, thresholds_digest: str, split_digest: str, seed: int
-) -> dict[str, Any]:
-    """The document ``retention.json``: pairs and banks of all integrity-complete groups, by criterion and partition.
+class PassingCounts(NamedTuple):
+    """Interventions of groups that pass.
 
-    Args:
-        pairs: Rows with `core_pass` and `extended_pass`.
-        groups: Rows of `group_quality` with partitions.
-        thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
-        split_digest: Digest of ``split.json``.
-        seed: Seed of the resamples, in ``[0, 2^64)``.
-
-    Raises:
-        ValueError: A group lacks a pair that others have, or the seed is out of range.
+    Attributes:
+        values: Those that pass each criterion, and all of them ``[groups, criteria + 1]``.
+        actions: Actions of each bank, sorted; none without a group.
     """
-    assignment = assignment_of(groups)
-    counts = passing_counts(pairs, list(assignment))
-    digests = {"thresholds_digest": thresholds_digest, "split_digest": split_digest}
-    return retention_document_of(counts, list(assignment.values()), **digests, seed=seed)
+
+    values: Index
+    actions: tuple[str, ...]
 
 
-def passing_counts(pairs: Frame, group_ids: list[str]) -> Index:
-    """Interventions of each group that pass each criterion, and all of them ``[groups, criteria + 1]``.
+def passing_counts(pairs: Frame, group_ids: list[str]) -> PassingCounts:
+    """Interventions of each group that pass each criterion, and all of them.
 
     Raises:
         ValueError: A group lacks a pair that others have.
     """
     rows = bank_rows(pairs, group_ids)
     passed = [np.asarray(pairs[f"{criterion}_pass"], np.bool_)[rows].sum(axis=1) for criterion in CRITERIA]
-    return np.stack([*passed, np.full(len(rows), rows.shape[1])], axis=1).astype(np.int64)
+    counts = np.stack([*passed, np.full(len(rows), rows.shape[1])], axis=1).astype(np.int64)
+    return PassingCounts(counts, bank_actions(pairs, rows))
 
 
 def retention_document_of(
@@ -242,11 +261,11 @@ def retention_document_of(
     """The document ``retention.json`` of integrity-complete groups, in any order.
 
     Args:
-        counts: As `passing_counts` gives them ``[groups, criteria + 1]``.
+        counts: Values of `passing_counts` ``[groups, criteria + 1]``.
         homes: Partition of each group.
-        thresholds_digest: As `retention_document` takes it.
-        split_digest: Likewise.
-        seed: Likewise.
+        thresholds_digest: SHA-256 of the bytes of ``thresholds.json``.
+        split_digest: Digest of ``split.json``.
+        seed: Seed of the resamples, in ``[0, 2^64)``.
 
     Raises:
         ValueError: The seed is out of range.

@@ -27,16 +27,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.quality.fidelity import bank_rows, discrepancies_of, fitting_groups, thresholds_of
-from branchdrive.quality.partition import assignment_of
+from branchdrive.quality.fidelity import (
+    bank_actions,
+    bank_rows,
+    discrepancies_of,
+    one_bank,
+    thresholds_of,
+)
 from branchdrive.quality.replay_frames import FRAMED, MATCHED
 from branchdrive.quality.threshold import FLOORS, QUANTILE, VARIABLES
-from branchdrive.statistics.split import split_digest
 from branchdrive.tables.frame import Frame
 
 __all__ = [
-    "FilterFigures", "filtering_document", "filtering_document_of", "largest_matched", "matched_thresholds",
-    "mean_share", "shares_above",
+    "FilterFigures", "filtering_document_of", "mean_share", "shares_above",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -46,33 +49,11 @@ _NAMES = [variable.name for variable in VARIABLES]
 _NO_FIGURES: Mapping[str, None] = dict.fromkeys(("mean_share_above", "share_above", "variation"))
 
 
-def filtering_document(pairs: Frame, groups: Frame, frames: Frame, thresholds: Mapping[str, Any]) -> dict[str, Any]:
-    """The document ``filtering.json``.
-
-    Args:
-        pairs: Rows of `pairs`.
-        groups: Rows of `group_quality` with partitions.
-        frames: What `replay_frames.frame_columns` says of each pair, in any order.
-        thresholds: Document ``thresholds.json``.
-
-    Raises:
-        ValueError: No training group is eligible, a pair has no row in `frames`, or a group lacks a pair that others
-            have.
-    """
-    assignment = assignment_of(groups)
-    training = fitting_groups(groups, assignment)
-    matched = matched_thresholds([largest_matched(pairs, frames, training)])
-    above = shares_above(pairs, frames, training)
-    figures = FilterFigures.of(pairs, frames, above, training, sorted(assignment), thresholds, matched)
-    means = [mean_share(above[:, i]) for i in range(len(FRAMED))]
-    return filtering_document_of([figures], means, thresholds, matched, split_digest(assignment))
-
-
 def shares_above(pairs: Frame, frames: Frame, group_ids: list[str]) -> Array:
     """Shares of frames above the floor, by group and variable of `FRAMED` ``[groups, FRAMED, actions]``.
 
     Raises:
-        ValueError: As `filtering_document`, of groups in sorted order.
+        ValueError: A pair has no row in `frames`, or a group lacks a pair that others have.
     """
     rows = _frame_rows(pairs, frames)[bank_rows(pairs, group_ids)]
     return np.stack([_column(frames, "above", name)[rows] for name in FRAMED], axis=1)
@@ -83,22 +64,6 @@ def mean_share(shares: Array) -> float:
     return float(np.ascontiguousarray(shares).mean())
 
 
-def largest_matched(pairs: Frame, frames: Frame, group_ids: list[str]) -> Array:
-    """Largest difference of the vehicle matched by actor, by group and variable of `MATCHED` ``[groups, 2]``.
-
-    Raises:
-        ValueError: As `filtering_document`, of groups in sorted order.
-    """
-    rows = _frame_rows(pairs, frames)[bank_rows(pairs, group_ids)]
-    return np.stack([_column(frames, "largest", name)[rows].max(axis=1, initial=0.0) for name in MATCHED], axis=1)
-
-
-def matched_thresholds(parts: Sequence[Array]) -> Mapping[str, float]:
-    """Thresholds of the variables of `MATCHED`, of training groups in parts: order statistics, in any order."""
-    fitted = np.quantile(np.concatenate(parts), QUANTILE, axis=0, method="higher").tolist()
-    return {name: max(value, _floor(name)) for name, value in zip(MATCHED, fitted, strict=True)}
-
-
 class FilterFigures(NamedTuple):
     """What some groups add to the document but for means: counts, and what order statistics are taken of.
 
@@ -106,9 +71,11 @@ class FilterFigures(NamedTuple):
         shares: Largest share of each training group ``[groups, FRAMED]``.
         moves: Values of the variation of training pairs and how often each occurs, by variable of `FRAMED`.
         num_pairs: Interventions of all groups.
-        num_failing: Those that fail each variable ``[12 + MATCHED]``.
+        num_failing: Those that fail each variable ``[12]``.
         num_alone: Those that fail no other judged one ``[12]``.
-        num_unmatched: Those without a difference of each variable of `MATCHED`.
+        largest_matched: Largest difference of the vehicle matched by actor of training groups ``[groups, MATCHED]``.
+        matched: That difference of each intervention ``[pairs, MATCHED]``.
+        actions: Actions of each bank, sorted; none without a group.
     """
 
     shares: Array
@@ -116,7 +83,9 @@ class FilterFigures(NamedTuple):
     num_pairs: int
     num_failing: Index
     num_alone: Index
-    num_unmatched: Index
+    largest_matched: Array
+    matched: Array
+    actions: tuple[str, ...]
 
     @classmethod
     def of(
@@ -127,7 +96,6 @@ class FilterFigures(NamedTuple):
         training: list[str],
         every: list[str],
         thresholds: Mapping[str, Any],
-        matched: Mapping[str, float],
     ) -> FilterFigures:
         """Figures of groups.
 
@@ -138,26 +106,26 @@ class FilterFigures(NamedTuple):
             training: Those of the groups that thresholds are fitted on, sorted.
             every: All of them, sorted.
             thresholds: Document ``thresholds.json``.
-            matched: Thresholds of the variables of `MATCHED`.
 
         Raises:
             ValueError: A pair has no row in `frames`, or a group lacks a pair that others have.
         """
         at = _frame_rows(pairs, frames)
-        fitted_on, rows = at[bank_rows(pairs, training)], bank_rows(pairs, every).ravel()
+        fitted_on, banks = at[bank_rows(pairs, training)], bank_rows(pairs, every)
+        rows = banks.ravel()
         fitted, values = thresholds_of(thresholds), discrepancies_of(pairs)[rows]
         fails = fitted.judged & ~(np.isfinite(values) & (values <= fitted.values))
-        largest = np.stack([_column(frames, "largest", name)[at[rows]] for name in MATCHED], axis=1)
-        there = np.isfinite(largest)
-        beyond = ~(there & (largest <= np.array([*matched.values()])))
+        differences = np.stack([_column(frames, "largest", name) for name in MATCHED], axis=1)
         moves = [_column(frames, "variation", name)[fitted_on] for name in FRAMED]
         return cls(
             above.max(axis=2, initial=0.0),
             tuple(np.unique(found[np.isfinite(found)], return_counts=True) for found in moves),
             len(rows),
-            np.concatenate([fails.sum(axis=0), beyond.sum(axis=0)]),
+            fails.sum(axis=0),
             fails[fails.sum(axis=1) == 1].sum(axis=0),
-            (~there).sum(axis=0),
+            differences[fitted_on].max(axis=1, initial=0.0),
+            differences[at[rows]],
+            bank_actions(pairs, banks),
         )
 
 
@@ -165,7 +133,6 @@ def filtering_document_of(
     parts: Sequence[FilterFigures],
     means: Sequence[float],
     thresholds: Mapping[str, Any],
-    matched: Mapping[str, float],
     split_digest: str,
 ) -> dict[str, Any]:
     """The document ``filtering.json`` of groups that come in parts, at least one in training.
@@ -174,15 +141,22 @@ def filtering_document_of(
         parts: Figures of groups.
         means: `mean_share` of each variable of `FRAMED`.
         thresholds: Document ``thresholds.json``.
-        matched: Thresholds of the variables of `MATCHED`.
         split_digest: Digest of ``split.json``.
+
+    Raises:
+        ValueError: Groups of two parts have not the same actions.
     """
+    one_bank(part.actions for part in parts)
     figures = _figures(parts, means)
     judged = thresholds_of(thresholds).judged.tolist()
-    failing, alone, unmatched = (
-        sum(counts).tolist()
-        for counts in zip(*((part.num_failing, part.num_alone, part.num_unmatched) for part in parts), strict=True)
+    failing, alone = (
+        sum(counts).tolist() for counts in zip(*((part.num_failing, part.num_alone) for part in parts), strict=True)
     )
+    matched = _matched_thresholds(parts)
+    differences = np.concatenate([part.matched for part in parts])
+    there = np.isfinite(differences)
+    unmatched = (~there).sum(axis=0).tolist()
+    beyond = (~(there & (differences <= np.array([*matched.values()])))).sum(axis=0).tolist()
     variables = []
     for i, name in enumerate(_NAMES):
         found = {**figures.get(name, _NO_FIGURES)} | {
@@ -194,7 +168,7 @@ def filtering_document_of(
         variables.append(_entry(name, stored, float(FLOORS[i]), found, decides=judged[i]))
     for i, (name, threshold) in enumerate(matched.items()):
         found = figures[name] | {
-            "num_failing": failing[len(_NAMES) + i],
+            "num_failing": beyond[i],
             "num_failing_alone": None,
             "num_unmatched": unmatched[i],
         }
@@ -206,6 +180,13 @@ def filtering_document_of(
         "num_pairs": sum(part.num_pairs for part in parts),
         "variables": variables,
     }
+
+
+def _matched_thresholds(parts: Sequence[FilterFigures]) -> Mapping[str, float]:
+    """Thresholds of the variables of `MATCHED`: order statistics of training groups, in any order."""
+    largest = np.concatenate([part.largest_matched for part in parts])
+    fitted = np.quantile(largest, QUANTILE, axis=0, method="higher").tolist()
+    return {name: max(value, _floor(name)) for name, value in zip(MATCHED, fitted, strict=True)}
 
 
 def _figures(parts: Sequence[FilterFigures], means: Sequence[float]) -> dict[str, dict[str, Any]]:

@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, Pipe
@@ -26,7 +27,7 @@ from branchdrive.leakage.draw import drawn_here
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.release.spread_draw import SpreadDraw
-from branchdrive.runtime.executor import isolated
+from branchdrive.runtime.executor import standing
 from branchdrive.runtime.process import ARRAY_WORK, child_environment, exit_after, python_command
 
 __all__ = ["AuditTask", "KnownParts", "PartsOf", "audit_here", "audit_in_own_process"]
@@ -77,7 +78,9 @@ def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = N
             parts.put(name, part)
         return part
 
-    with Spool.temporary() as spool:
+    with ExitStack() as stack:
+        spool = stack.enter_context(Spool.temporary())
+        draw = SpreadDraw(spool, stack.enter_context(standing(task.jobs))) if task.jobs > 1 else drawn_here
         return audit_leakage(
             inputs,
             seed=task.seed,
@@ -85,7 +88,7 @@ def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = N
             sequence_classifier=task.classifier,
             remember=remember,
             progress=progress,
-            draw=SpreadDraw(spool, isolated(task.jobs)) if task.jobs > 1 else drawn_here,
+            draw=draw,
         )
 
 

@@ -26,7 +26,7 @@ from branchdrive.quality.fidelity import (
     with_passes,
     with_validity,
 )
-from branchdrive.quality.filtering import FilterFigures, largest_matched, shares_above
+from branchdrive.quality.filtering import FilterFigures, shares_above
 from branchdrive.quality.partition import assignment_of
 from branchdrive.release.built_layers import StoredFile, TableStore
 from branchdrive.release.scan import RawPart
@@ -84,10 +84,9 @@ class FittedTask:
     groups: list[str]
 
 
-def fitted_part(task: FittedTask) -> tuple[Largest, NDArray[np.float64]]:
-    """Largest discrepancies of groups, and those of the vehicle that is matched by actor."""
-    pairs = task.part.rows["pairs"]
-    return largest_of(pairs, task.groups), largest_matched(pairs, task.part.rows["replay_frames"], task.groups)
+def fitted_part(task: FittedTask) -> Largest:
+    """Largest discrepancies of groups."""
+    return largest_of(task.part.rows["pairs"], task.groups)
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,6 @@ class JudgedTask:
         groups: Rows of `group_quality` of the part, with partitions.
         fitted_on: Eligible training groups of it, sorted.
         thresholds: Document ``thresholds.json``.
-        matched: Thresholds of the vehicle that is matched by actor.
     """
 
     part: RawPart
@@ -108,7 +106,6 @@ class JudgedTask:
     groups: Frame
     fitted_on: list[str]
     thresholds: Mapping[str, Any]
-    matched: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ class JudgedPart:
     Attributes:
         files: Files of `attempt_quality` and `pairs`, by path.
         valid: Whether each group passes each criterion, rows as in the task ``[groups, criteria]``.
-        counts: `passing_counts` of the groups that have a partition, in the order of the rows.
+        counts: Values of `passing_counts` of the groups that have a partition, in the order of the rows.
         figures: What the groups add to ``filtering.json``.
     """
 
@@ -139,13 +136,11 @@ def judged_part(task: JudgedTask) -> JudgedPart:
     every = [*assignment_of(task.groups)]
     above = shares_above(pairs, rows["replay_frames"], task.fitted_on)
     task.part.put_array("training.above", above)
-    figures = FilterFigures.of(
-        pairs, rows["replay_frames"], above, task.fitted_on, sorted(every), task.thresholds, task.matched
-    )
+    figures = FilterFigures.of(pairs, rows["replay_frames"], above, task.fitted_on, sorted(every), task.thresholds)
     return JudgedPart(
         _written(task.store, {"attempt_quality": rows["attempt_quality"], "pairs": pairs}, task.part.number),
         np.stack([valid[f"{criterion}_valid"] for criterion in CRITERIA], axis=1),
-        passing_counts(pairs, every),
+        passing_counts(pairs, every).values,
         figures,
     )
 

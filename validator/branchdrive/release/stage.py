@@ -26,7 +26,7 @@ from branchdrive.model.normalisation import training
 from branchdrive.model.normalisation_document import scalings_document
 from branchdrive.model.rows import action_rows
 from branchdrive.quality.fidelity import CRITERIA, fitting_groups, retention_document_of, threshold_document_of
-from branchdrive.quality.filtering import filtering_document_of, matched_thresholds
+from branchdrive.quality.filtering import filtering_document_of
 from branchdrive.quality.ledger import Ledger, with_round
 from branchdrive.quality.partition import (
     assignment_of,
@@ -119,12 +119,11 @@ def build_quality(work: StageWork, options: BuildOptions, ledger: Ledger | None)
         fitting = [sorted(fitted_on.intersection(rows["group_id"].tolist())) for rows in quality]
         tasks_to_fit = [FittedTask(part, among) for part, among in zip(scan.parts, fitting, strict=True)]
         fitted = work.run(fitted_part, tasks_to_fit)
-        thresholds = threshold_document_of([largest for largest, _ in fitted], split["digest"])
+        thresholds = threshold_document_of(fitted, split["digest"])
     except ValueError as error:
         less = ", or ask for fewer groups and clusters with `--calibration`" if options.calibration else ""
         raise DatasetError(f"{scan.dataset}: {error}; collect more groups, on other routes{less}") from error
     del routes, quality
-    matched = matched_thresholds([largest for _, largest in fitted])
     layers.put_document(_SPLIT, split)
     layers.put_document(_THRESHOLDS, thresholds)
     digests = {"split_digest": split["digest"], "thresholds_digest": layers.digest(_THRESHOLDS)}
@@ -132,7 +131,7 @@ def build_quality(work: StageWork, options: BuildOptions, ledger: Ledger | None)
 
     rows = in_parts(groups, numbers, len(scan.parts))
     tasks = [
-        JudgedTask(part, work.store, own, among, thresholds, matched)
+        JudgedTask(part, work.store, own, among, thresholds)
         for part, own, among in zip(scan.parts, rows, fitting, strict=True)
     ]
     judged = work.run(judged_part, tasks)
@@ -148,7 +147,7 @@ def build_quality(work: StageWork, options: BuildOptions, ledger: Ledger | None)
     layers.put_document("quality/retention.json", retention)
     figures = [part.figures for part in judged]
     means = mean_shares_of_all(work, dict(enumerate(fitting)))
-    layers.put_document(FILTERING_FILE, filtering_document_of(figures, means, thresholds, matched, split["digest"]))
+    layers.put_document(FILTERING_FILE, filtering_document_of(figures, means, thresholds, split["digest"]))
     num_policies = len(scan.descriptor.action_bank.policies)
     layers.put_document("quality/population.json", population_document(groups, num_policies=num_policies))
     layers.put_document("quality/variants.json", variants_document(groups, options.variants))

@@ -13,13 +13,14 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.context import SpawnContext
-from typing import Protocol, TypeVar
+from queue import SimpleQueue
+from typing import Any, Protocol, TypeVar
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import failure_text
@@ -29,6 +30,7 @@ from branchdrive.runtime.process import array_context, exit_after
 
 __all__ = [
     "BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit", "results_of",
+    "standing",
 ]  # fmt: skip
 
 _LOADED = (__name__, "pyarrow.parquet")
@@ -330,18 +332,27 @@ class BoundedProcess:
         Raises:
             PlatformError: The machine lacks something.
         """
-        if self._context is None:
-            self._context = self._stack.enter_context(array_context(*_loaded(function.__module__)))
+        context = self.start(function)
         if self._pool is None:
-            self._pool = _pool(1, self._context, self._folder)
+            self._pool = _pool(1, context, self._folder)
         try:
             result = self._pool.submit(_attempt, function, task).result()
         except BrokenProcessPool:
             result = Died()
         if isinstance(result, Died):
             self._end()
-            result = _alone(function, task, self._context, self._folder)
+            result = _alone(function, task, context, self._folder)
         return result
+
+    def start(self, function: Callable[[Any], Any]) -> SpawnContext:
+        """Start what starts the process, with the module of a function loaded; once.
+
+        Raises:
+            PlatformError: The machine lacks something.
+        """
+        if self._context is None:
+            self._context = self._stack.enter_context(array_context(*_loaded(function.__module__)))
+        return self._context
 
     def close(self) -> None:
         """End the process."""
@@ -353,3 +364,36 @@ class BoundedProcess:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._pool = None
+
+
+@contextmanager
+def standing(jobs: int) -> Iterator[Executor]:
+    """Executor over `jobs` bounded processes that stay from call to call, for who calls often.
+
+    They start with the first task, keep what functions keep between tasks, and end with the block.
+    """
+    with ExitStack() as stack, ThreadPoolExecutor(jobs) as threads:
+        idle: SimpleQueue[BoundedProcess] = SimpleQueue()
+        for _ in range(jobs):
+            process = BoundedProcess()
+            stack.callback(process.close)
+            idle.put(process)
+        starting = threading.Lock()
+
+        def work(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
+            process = idle.get()
+            try:
+                with starting:
+                    process.start(function)
+                return process.run(function, task)
+            finally:
+                idle.put(process)
+
+        def run(
+            function: Callable[[Task], Result], tasks: Sequence[Task], /
+        ) -> Iterator[tuple[int, Result | Died | Failed]]:
+            running = {threads.submit(work, function, task): index for index, task in enumerate(tasks)}
+            for future in as_completed(running):
+                yield running[future], future.result()
+
+        yield run

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from branchdrive.tables.join import KeyIndex
 
 __all__ = [
-    "Alignment", "Frame", "align", "concat", "num_rows", "of_groups", "repeated_rows", "sort_rows", "take",
+    "Alignment", "Frame", "align", "concat", "distinct", "num_rows", "of_groups", "repeated_rows", "sort_rows", "take",
     "with_homes",
 ]  # fmt: skip
 
@@ -57,6 +57,18 @@ def of_groups(frame: Frame, groups: Collection[str]) -> dict[str, Values]:
     """Rows of `groups`, in the order of the frame."""
     wanted = set(groups)
     return take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
+
+
+def distinct(parts: Sequence[Sequence[str]]) -> list[str]:
+    """Identities of all parts, one after the other.
+
+    Raises:
+        ValueError: Two are equal.
+    """
+    found = [name for part in parts for name in part]
+    if len({*found}) < len(found):
+        raise ValueError("an identity is in two parts, or twice in one")
+    return found
 
 
 def with_homes(frame: Frame, homes: Mapping[str, str]) -> dict[str, Values]:

@@ -20,6 +20,7 @@ from tests import synthetic, synthetic_release
 from tests.content_cache import kept, remembered
 from tests.synthetic_release import RELEASE_SHARDS, SEED
 from tests.validator.engine.rules.draft import Draft
+from tests.validator.quality.whole import duplicate_flags, filtering_document, retention_document, threshold_document
 
 from branchdrive.canonical.record import source_counts
 from branchdrive.card.licence import render_licence
@@ -34,15 +35,11 @@ from branchdrive.contract.layout import SOURCE_FILE as SOURCE
 from branchdrive.engine.spool import Spool
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import Unavailable
-from branchdrive.model.near_duplicate import duplicate_flags
 from branchdrive.quality.fidelity import (
-    retention_document,
-    threshold_document,
     thresholds_of,
     with_passes,
     with_validity,
 )
-from branchdrive.quality.filtering import filtering_document
 from branchdrive.quality.ledger import with_round
 from branchdrive.quality.partition import assignment_of, calibration_of, clusters_of, split_document
 from branchdrive.quality.population import population_document

@@ -19,7 +19,7 @@ from branchdrive.layers.compare import document_check
 from branchdrive.layers.view import ReleaseView
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.recompute import input_mismatches, score_mismatches, statistic_mismatches
-from branchdrive.leakage.replays import replay_inputs
+from branchdrive.leakage.replays import collected_inputs, core_valid_homes
 from branchdrive.leakage.verify import (
     battery_mismatches,
     count_mismatches,
@@ -48,7 +48,8 @@ def _found(examined: int, mismatches: Iterable[Mismatch]) -> Check:
 
 def _recomputed(view: ReleaseView) -> ReplayInputs:
     try:
-        return replay_inputs(view.raw_rows["replays"], view.frame("group_quality"), view.descriptor)
+        replays, groups = view.raw_shards("replays"), view.frame("group_quality")
+        return collected_inputs(replays, core_valid_homes(groups), view.descriptor)
     except ValueError as error:
         raise PreconditionError(f"inputs of the leakage audit: {error}") from error
 

@@ -29,8 +29,8 @@ from branchdrive.leakage.structural import (
     ranked_targets,
 )
 from branchdrive.model.features import HISTORIES
-from branchdrive.model.rules.inputs import FEATURES, model_arrays
-from branchdrive.tables.frame import Frame, take
+from branchdrive.model.rules.inputs import FEATURES, model_arrays, packed
+from branchdrive.tables.frame import Frame, concat, take
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def _variable_check(place: Location, expected: str, names: Sequence[str], found:
     return Check.of(len(names), mismatches)
 
 
-@rule("BD-LKG-009")
+@rule("BD-LKG-009", packed)
 def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history ranks a target by itself."""
     history = view.cached(_history).of("state", "past_controls")
@@ -129,7 +129,7 @@ def no_history_variable_ranks_a_target(view: ReleaseView) -> Iterator[Check]:
     yield _variable_check({"file": FEATURES}, f"a correlation of at most {MAX_CORRELATION:g}", history.names, found)
 
 
-@rule("BD-LKG-010")
+@rule("BD-LKG-010", packed)
 def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[Check]:
     """No variable of a sensor history is an affine function of a target of one action."""
     history = view.cached(_history).of("state", "past_controls")
@@ -155,7 +155,7 @@ def _outcome_check(
     return _variable_check(place, expected, examined.names, found)
 
 
-@rule("BD-LKG-013")
+@rule("BD-LKG-013", packed)
 def no_history_variable_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     """No state, past control or value of the expert ranks an outcome of one action, or of all actions of a group."""
     history = view.cached(_history)
@@ -164,7 +164,7 @@ def no_history_variable_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     yield _outcome_check(view, {"file": FEATURES}, history)
 
 
-@rule("BD-LKG-014")
+@rule("BD-LKG-014", packed)
 def no_repetition_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     """How many different values a column of a history has ranks no outcome."""
     history = view.cached(_history)
@@ -181,15 +181,16 @@ def _nominals(view: ReleaseView) -> Frame:
     Raises:
         PreconditionError: A context has no such row.
     """
-    replays, groups = view.raw_rows["replays"], view.cached(model_arrays).groups
-    row_of = {group: row for row, group in enumerate(replays["group_id"].tolist())}
+    _, groups = view.raw_rows, view.cached(model_arrays).groups
+    names = ("group_id", "nominal_images", "has_images", "environment")
+    facts = concat([{name: replays[name] for name in names} for replays in view.raw_shards("replays")])
+    row_of = {group: row for row, group in enumerate(facts["group_id"].tolist())}
     if not row_of.keys() >= {*groups}:
         raise PreconditionError("a context is no integrity-complete group of the raw layer")
-    wanted = {name: replays[name] for name in ("nominal_images", "has_images", "environment")}
-    return take(wanted, np.array([row_of[group] for group in groups], np.intp))
+    return take(facts, np.array([row_of[group] for group in groups], np.intp))
 
 
-@rule("BD-LKG-015")
+@rule("BD-LKG-015", packed)
 def no_image_of_a_nominal_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     """No size of an image in the history of a nominal ranks an outcome, and nothing that its pixels show.
 
@@ -235,7 +236,7 @@ def _category_check(view: ReleaseView, place: Location, categories: list[str]) -
     return Check.of(len(categories), found[:1])
 
 
-@rule("BD-LKG-016")
+@rule("BD-LKG-016", packed)
 def categories_are_no_code(view: ReleaseView) -> Iterator[Check]:
     """Scenario types, towns and, where raw is available, environments stand for no action and for no single group."""
     contexts = view.frame("contexts")

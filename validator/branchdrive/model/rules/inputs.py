@@ -32,7 +32,7 @@ from branchdrive.layers.compare import (
     text_mismatches,
 )
 from branchdrive.layers.view import ReleaseView
-from branchdrive.model.arrays import ModelArrays, pack_arrays
+from branchdrive.model.arrays import ModelArrays, joined_arrays, pack_arrays
 from branchdrive.model.features import HISTORIES, feature_mismatches, target_mask
 from branchdrive.model.normalisation_document import normalisation_mismatches
 from branchdrive.model.rows import action_rows, context_rows
@@ -317,8 +317,8 @@ def features_are_specified(view: ReleaseView) -> Iterator[Check]:
     yield document_check(FEATURES, 1, feature_mismatches(view.document(FEATURES), view.descriptor))
 
 
-def model_arrays(view: ReleaseView) -> ModelArrays:
-    """Arrays of the stored model layer, groups in sorted order.
+def packed(view: ReleaseView) -> ModelArrays:
+    """Arrays of the stored rows, groups in sorted order: what a part gives for `model_arrays`.
 
     Raises:
         PreconditionError: A table is missing or incomplete.
@@ -328,15 +328,24 @@ def model_arrays(view: ReleaseView) -> ModelArrays:
         return pack_arrays(
             {name: view.frame(name) for name in tables}, sorted(context_groups(view)), view.descriptor.action_bank.keys
         )
-    except DatasetError as error:
+    except (DatasetError, ValueError) as error:
         raise PreconditionError(f"the model layer is incomplete: {error}") from error
+
+
+def model_arrays(view: ReleaseView) -> ModelArrays:
+    """Arrays of the stored model layer, groups in sorted order.
+
+    Raises:
+        PreconditionError: A table is missing or incomplete.
+    """
+    return view.merged(packed, joined_arrays)
 
 
 def _assignment(view: ReleaseView) -> dict[str, str]:
     return assignment_of(view.frame("group_quality"))
 
 
-@rule("BD-MOD-018")
+@rule("BD-MOD-018", packed)
 def normalisation_recomputes(view: ReleaseView) -> Iterator[Check]:
     """Scalings of histories and targets over the training groups of the frozen population alone."""
     document = view.document(NORMALISATION)

@@ -6,9 +6,11 @@ Source: paper, "Collection Integrity, Replay Fidelity, and Leakage"; spec/11-fid
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.contract.comparison import TOLERANCE, document_mismatches
 from branchdrive.contract.layout import FILTERING_FILE, LEDGER_FILE
@@ -29,18 +31,29 @@ from branchdrive.layers.compare import (
 from branchdrive.layers.view import ReleaseView
 from branchdrive.quality.fidelity import (
     CRITERIA,
+    Largest,
+    PassingCounts,
+    Validity,
+    eligible_in_training,
+    fitting_groups,
+    largest_of,
     near_thresholds,
-    retention_document,
-    threshold_document,
+    one_bank,
+    passing_counts,
+    retention_document_of,
+    threshold_document_of,
     thresholds_of,
+    validity,
     with_passes,
-    with_validity,
 )
-from branchdrive.quality.filtering import filtering_document
+from branchdrive.quality.filtering import FilterFigures, filtering_document_of, mean_share, shares_above
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses, release_mismatches
+from branchdrive.quality.partition import assignment_of
+from branchdrive.quality.replay_frames import FRAMED
 from branchdrive.quality.rules.split import SPLIT
 from branchdrive.quality.threshold import VARIABLES, Thresholds
-from branchdrive.tables.frame import Frame, num_rows, take
+from branchdrive.statistics.split import split_digest
+from branchdrive.tables.frame import Frame, distinct, num_rows, take
 
 THRESHOLDS = "quality/thresholds.json"
 RETENTION = "quality/retention.json"
@@ -80,12 +93,22 @@ def extended_discrepancies_recompute(view: ReleaseView) -> Iterator[Check]:
     yield from columns_agree(view, "pairs", (*masks, *(variable.name for variable in EXTENDED)), exact=COUNTED)
 
 
-@rule("BD-FID-005")
+def _largest(view: ReleaseView) -> tuple[Any, ...]:
+    """What thresholds are fitted on, as `Largest` has it."""
+    pairs, groups = view.frame("pairs"), view.frame("group_quality")
+    return (*largest_of(pairs, eligible_in_training(groups, assignment_of(groups))),)
+
+
+@rule("BD-FID-005", _largest)
 def thresholds_recompute(view: ReleaseView) -> Iterator[Check]:
     """The 99 % quantile, higher order statistic, over eligible training groups alone."""
-    document = view.document(THRESHOLDS)
+    document, _ = view.document(THRESHOLDS), view.frame("pairs")
+    groups = view.frame("group_quality")
     try:
-        expected = threshold_document(view.frame("pairs"), view.frame("group_quality"))
+        assignment = assignment_of(groups)
+        fitting_groups(groups, assignment)
+        digest = split_digest(assignment)
+        expected = view.merged(_largest, lambda pieces: threshold_document_of([Largest(*p) for p in pieces], digest))
     except ValueError as error:
         yield document_check(THRESHOLDS, 1, [Mismatch({"pointer": "/"}, "thresholds of training groups", str(error))])
         return
@@ -145,46 +168,85 @@ def _turned_around(view: ReleaseView, stored: Frame, thresholds: Thresholds) -> 
     return Check.of(0, mismatches.values())
 
 
-@rule("BD-FID-008")
+def _validity(view: ReleaseView) -> tuple[Any, ...]:
+    """Which groups are valid, rows as in `group_quality`, as `Validity` has it."""
+    return (*validity(view.frame("group_quality"), view.frame("pairs")),)
+
+
+def _validity_of_all(pieces: Sequence[tuple[Any, ...]]) -> Validity:
+    parts = [Validity(*piece) for piece in pieces]
+    one_bank(part.actions for part in parts)
+    return Validity(np.concatenate([part.flags for part in parts]), ())
+
+
+@rule("BD-FID-008", _validity)
 def groups_are_valid_where_pairs_pass(view: ReleaseView) -> Iterator[Check]:
     """A group is valid exactly where it is eligible and all pairs of its bank pass."""
     groups = view.frame("group_quality")
     try:
-        expected = with_validity(groups, view.frame("pairs"))
+        expected = view.merged(_validity, _validity_of_all).columns
     except ValueError as error:
         raise PreconditionError(f"quality/pairs: {error}") from error
     rows = np.arange(num_rows(groups))
     yield from frames_agree(view, "group_quality", ("core_valid", "extended_valid"), expected, groups, rows, rows)
 
 
-@rule("BD-FID-009")
+def _passing(view: ReleaseView) -> tuple[Any, ...]:
+    """Interventions that pass, of the groups that have a partition, as `PassingCounts` has it."""
+    return (*passing_counts(view.frame("pairs"), [*assignment_of(view.frame("group_quality"))]),)
+
+
+def _passing_of_all(pieces: Sequence[tuple[Any, ...]]) -> NDArray[np.int64]:
+    parts = [PassingCounts(*piece) for piece in pieces]
+    one_bank(part.actions for part in parts)
+    return np.concatenate([part.values for part in parts if len(part.values)] or [parts[0].values])
+
+
+@rule("BD-FID-009", _passing)
 def retention_recomputes(view: ReleaseView) -> Iterator[Check]:
     """Shares and intervals of pairs and banks that pass, by partition."""
-    document = view.document(RETENTION)
+    document, _ = view.document(RETENTION), view.frame("pairs")
+    homes = assignment_of(view.frame("group_quality"))
+    digests = {"thresholds_digest": thresholds_digest(view), "split_digest": document["split_digest"]}
     try:
-        expected = retention_document(
-            view.frame("pairs"),
-            view.frame("group_quality"),
-            thresholds_digest=thresholds_digest(view),
-            split_digest=document["split_digest"],
-            seed=int(document["seed"]),
-        )
+        counts = view.merged(_passing, _passing_of_all)
+        expected = retention_document_of(counts, [*homes.values()], **digests, seed=int(document["seed"]))
     except ValueError as error:
         raise PreconditionError(f"quality/pairs: {error}") from error
     mismatches = document_mismatches(expected, document, tolerance=TOLERANCE)
     yield document_check(RETENTION, max(1, len(document["rows"])), mismatches)
 
 
-@rule("BD-FID-013")
+def _figures(view: ReleaseView) -> tuple[Any, ...]:
+    """Figures of groups as `FilterFigures` has them, shares of frames of training groups, and these groups."""
+    pairs, groups, frames = view.frame("pairs"), view.frame("group_quality"), view.raw_rows["replay_frames"]
+    assignment = assignment_of(groups)
+    training = eligible_in_training(groups, assignment)
+    above = shares_above(pairs, frames, training)
+    figures = FilterFigures.of(pairs, frames, above, training, sorted(assignment), view.document(THRESHOLDS))
+    return (*figures,), above, training
+
+
+def _filtering_of_all(pieces: Sequence[tuple[Any, ...]], thresholds: Mapping[str, Any], digest: str) -> dict[str, Any]:
+    figures, above, training = zip(*pieces, strict=True)
+    order = np.argsort(np.array(distinct(training), object), kind="stable")
+    shares = np.concatenate([shares for shares in above if len(shares)])[order]
+    means = [mean_share(shares[:, i]) for i in range(len(FRAMED))]
+    return filtering_document_of([FilterFigures(*part) for part in figures], means, thresholds, digest)
+
+
+@rule("BD-FID-013", _figures)
 def figures_beside_thresholds_recompute(view: ReleaseView) -> Iterator[Check]:
     """Shares of frames, variations, matched vehicles and counts of failing pairs, and which thresholds filter."""
     if FILTERING_FILE not in view.files:
         return
-    document, frames = view.document(FILTERING_FILE), view.raw_rows["replay_frames"]
+    document, _ = view.document(FILTERING_FILE), (view.raw_rows, view.frame("pairs"))
+    groups = view.frame("group_quality")
+    thresholds, assignment = view.document(THRESHOLDS), assignment_of(groups)
     try:
-        expected = filtering_document(
-            view.frame("pairs"), view.frame("group_quality"), frames, view.document(THRESHOLDS)
-        )
+        fitting_groups(groups, assignment)
+        digest = split_digest(assignment)
+        expected = view.merged(_figures, lambda pieces: _filtering_of_all(pieces, thresholds, digest))
     except ValueError as error:
         raise PreconditionError(f"{FILTERING_FILE}: {error}") from error
     mismatches = document_mismatches(expected, document, tolerance=TOLERANCE)

@@ -9,7 +9,7 @@ from tests.validator.engine.rules.cases.model_inputs import TEST, TRAIN, VAL
 from tests.validator.engine.rules.cases.model_inputs_features import NORMALISATION
 from tests.validator.engine.rules.release import ReleaseDraft
 
-from branchdrive.model.near_duplicate import duplicates_among
+from branchdrive.model.near_duplicate import Histories, duplicates_among
 from branchdrive.release.stage import BuildOptions
 
 
@@ -29,7 +29,8 @@ def bring_near(d: ReleaseDraft, group: str, model: str, share: float) -> None:
     homes = dict(zip(contexts["group_id"].tolist(), contexts["partition"].tolist(), strict=True))
     assert "train" not in (homes[group], homes[model])
     copy_history(d, group, model)
-    threshold = duplicates_among(d.frame("state"), d.frame("past_controls"), sorted(homes), homes).threshold
+    histories = Histories.of(d.frame("state"), d.frame("past_controls"), sorted(homes))
+    threshold = duplicates_among(histories, homes).threshold
     (entry,) = (e for e in d.documents[NORMALISATION]["state"] if e["feature"] == "route_offset_m")
     step = share * threshold * entry["scale"]
     d.set("state", "route_offset_m", lambda value: value + step, group_id=group, offset_ticks=0)

@@ -6,9 +6,9 @@ import numpy as np
 from tests.synthetic_release import LOST, MOVED, SEED
 from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.release import LEDGER, RETENTION, SPLIT, THRESHOLDS, ReleaseDraft
+from tests.validator.quality.whole import retention_document, threshold_document
 
 from branchdrive.contract.layout import FILTERING_FILE
-from branchdrive.quality.fidelity import retention_document, threshold_document
 from branchdrive.quality.ledger import with_round
 from branchdrive.tables.frame import Frame, take
 
