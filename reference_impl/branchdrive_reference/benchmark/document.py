@@ -17,6 +17,7 @@ from branchdrive.benchmark.protocol.protocol import (
     read_protocol,
     visual_protocol,
 )
+from branchdrive.benchmark.shortage import shortage_sentences, sizes_sentence
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import PROTOCOL_FILE
 from branchdrive.contract.limits import spec_limits
@@ -34,6 +35,7 @@ __all__ = [
     "keep_risks",
     "published_protocol",
     "read_protocol_file",
+    "sentences_before_training",
     "stored_document",
     "untrained_sentence",
     "waiting_risks",
@@ -119,6 +121,26 @@ def untrained_sentence(
         "`--output` makes a release in place, to benchmark instead"
     )
     return f"{', '.join(left_out)} are not trained: the release {reason}"
+
+
+def sentences_before_training(
+    release: Release, protocol: BenchmarkProtocol, models: Sequence[str] | None = None, *, with_guard: bool
+) -> list[str]:
+    """What is to be known before hours of training: sizes of partitions, what they lack, models that are left out.
+
+    Args:
+        release: The release.
+        protocol: The one in force.
+        models: Models that are asked for; all by default.
+        with_guard: Whether a guard is calibrated too.
+    """
+    groups, clusters = ({name: sizes[unit] for name, sizes in release.sizes.items()} for unit in ("groups", "clusters"))
+    untrained = untrained_sentence(release, protocol, models)
+    return [
+        sizes_sentence(groups, clusters),
+        *shortage_sentences(groups, clusters, protocol.guard if with_guard else None),
+        *([untrained] if untrained else []),
+    ]
 
 
 def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:

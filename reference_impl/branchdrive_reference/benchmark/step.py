@@ -78,15 +78,17 @@ def train_step(
     """
     release, begin = workspace.release, time.monotonic()
     tasks = model_tasks(protocol, models)
+    is_wanted = with_guard and (models is None or set(protocol.guard.models) <= set(models))
+    folds = fold_tasks(release, protocol) if is_wanted else []  # what refuses them is said before anything is trained
     workspace.restore()
     num_anew = drop_stale(workspace.checkpoints, tasks)
     num_there = sum(task.path(workspace.checkpoints).exists() for task in tasks)
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
-    models_s, begin, folds = time.monotonic() - begin, time.monotonic(), []
-    is_wanted = with_guard and (models is None or set(protocol.guard.models) <= set(models))
-    if is_wanted and not _has_risk(workspace, protocol):
-        folds = fold_tasks(release, protocol)
+    models_s, begin = time.monotonic() - begin, time.monotonic()
+    if folds and _has_risk(workspace, protocol):
+        folds = []
+    if folds:
         num_anew += drop_stale(workspace.folds, folds)
         with progress("training folds of the guard") as show:
             train(release, workspace.folds, folds, jobs=jobs, device=device, show=show)

@@ -9,6 +9,7 @@ import pytest
 from tests.reference_impl.benchmark.small_release import (
     contents,
     invoke,
+    invoke_both,
     is_clean,
     protocol,
     smallest_protocol,
@@ -71,6 +72,24 @@ def test_again_changes_nothing(benchmarked: Path) -> None:
     said = invoke("benchmark", benchmarked, "--no-figures", "--format", "json")
     assert said.encode() == before["benchmark/results.json"]
     assert contents(benchmarked) == before
+
+
+def test_what_a_population_lacks_is_said_before_training(
+    release: Path, small_protocol: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained: list[int] = []
+    monkeypatch.setattr(
+        "branchdrive_reference.benchmark.step.train", lambda *arguments, **_: trained.append(len(arguments[2]))
+    )
+    said = invoke_both("train", release, "--protocol", small_protocol, "--models", "M0", "--no-guard")[1]
+    assert "The release has 12 groups in 10 route clusters in `train`, 3 groups in " in said
+    assert "Nothing can be concluded: `test` has 4 groups in 4 route clusters" in said
+    assert "guard" not in said
+    assert trained == [1]
+    monkeypatch.setattr("branchdrive_reference.benchmark.guard.fold.NUM_FOLDS", 11)
+    with pytest.raises(UsageError, match="10 route clusters in training are too few for the 11 folds of the guard"):
+        invoke("train", release)
+    assert trained == [1]  # nothing was trained before that
 
 
 def interrupt_training(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
