@@ -5,7 +5,10 @@ Learned risks of guards wait there too, until the ranking lock holds them.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +40,22 @@ __all__ = [
     "read_protocol_file",
     "sentences_before_training",
     "stored_document",
+    "trees_protocol",
     "untrained_sentence",
     "waiting_risks",
 ]
 
-PROTOCOLS = {"structured": default_protocol, "visual": visual_protocol}
-"""Normative protocols, by the names that commands know them by."""
+
+@cache
+def trees_protocol() -> BenchmarkProtocol:
+    """The normative protocol with boosted trees, `T3` and as a bound `T3p`; they need the extra `trees`."""
+    models = json.loads(resources.files("branchdrive_reference.benchmark").joinpath("trees.json").read_text())
+    normative = default_protocol().document
+    return read_protocol(normative | {"name": "branchdrive-benchmark-trees", "models": [*normative["models"], *models]})
+
+
+PROTOCOLS = {"structured": default_protocol, "visual": visual_protocol, "trees": trees_protocol}
+"""Protocols by the names that commands know them by."""
 
 RISK = "benchmark/risk.json"
 """Where risks wait until the ranking lock holds them; it is no file of the release."""
@@ -152,7 +165,7 @@ def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:
 
 
 def read_protocol_file(file: Path) -> BenchmarkProtocol:
-    """The protocol in a file, or a normative one by its name in `PROTOCOLS`.
+    """The protocol in a file, or one by its name in `PROTOCOLS`.
 
     Raises:
         UsageError: There is none.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from tests.reference_impl.benchmark.small_release import (
 )
 from tests.sampling import THOROUGH
 
-from branchdrive import DatasetError, UsageError
+from branchdrive import DatasetError, PlatformError, UsageError
 from branchdrive.contract.document import dump_json, schema_mismatches
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import Folder
@@ -90,6 +91,16 @@ def test_what_a_population_lacks_is_said_before_training(
     with pytest.raises(UsageError, match="10 route clusters in training are too few for the 11 folds of the guard"):
         invoke("train", release)
     assert trained == [1]  # nothing was trained before that
+
+
+def test_trees_without_their_library_are_refused_before_anything_is_trained(
+    release: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("branchdrive_reference.benchmark.step.train", lambda *_, **__: pytest.fail("trained"))
+    monkeypatch.setitem(sys.modules, "sklearn", None)
+    monkeypatch.delitem(sys.modules, "sklearn.ensemble", raising=False)
+    with pytest.raises(PlatformError, match="boosted trees"):
+        invoke("train", release, "--protocol", "trees", "--no-guard")
 
 
 def interrupt_training(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
