@@ -27,6 +27,7 @@ from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
 from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
+from branchdrive_reference.benchmark.document import read_protocol_file, trees_protocol
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect
 from branchdrive_reference.learning.configuration import Configuration
@@ -108,12 +109,17 @@ def test_baselines_are_those_of_the_protocol() -> None:
     assert f"the {declared['neighbours'].neighbours} groups of `train` with the nearest histories" in table
 
 
-def test_trees_are_declared_as_the_page_says(tmp_path: Path) -> None:
-    (block,) = (found for found in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "trees.json" in found)
-    examples, written = ROOT / "docs/examples/trees.json", tmp_path / "with-trees.json"
-    exec(block.replace("docs/examples/trees.json", str(examples)).replace("build/with-trees.json", str(written)), {})
-    found = read_protocol(json.loads(written.read_text()))
-    assert [model.id for model in found.models[-2:]] == ["T3", "T3p"]
+def test_trees_are_declared_as_the_page_says() -> None:
+    found, normative = trees_protocol(), default_protocol()
+    assert [*found.models[:-2]] == [*normative.models]
+    sensor, privileged = found.models[-2:]
+    assert (sensor.id, sensor.contract, privileged.id, privileged.contract) == ("T3", "sensor", "T3p", "privileged")
+    assert (sensor.reported_apart, privileged.reported_apart) == (None, True)
+    assert "on the sensor history (`T3`) and, as another bound that is reported apart, on the privileged" in PAGE
+    others = {"name": found.name, "models": found.document["models"]}
+    assert found.document == {**normative.document, **others}
+    assert found.name != normative.name
+    assert read_protocol_file(Path("trees")) == found
     for model in found.models:
         Configuration.of(model)
 

@@ -5,7 +5,10 @@ Learned risks of guards wait there too, until the ranking lock holds them.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from branchdrive.benchmark.protocol.protocol import (
     read_protocol,
     visual_protocol,
 )
+from branchdrive.benchmark.shortage import shortage_sentences, sizes_sentence
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import PROTOCOL_FILE
 from branchdrive.contract.limits import spec_limits
@@ -34,13 +38,24 @@ __all__ = [
     "keep_risks",
     "published_protocol",
     "read_protocol_file",
+    "sentences_before_training",
     "stored_document",
+    "trees_protocol",
     "untrained_sentence",
     "waiting_risks",
 ]
 
-PROTOCOLS = {"structured": default_protocol, "visual": visual_protocol}
-"""Normative protocols, by the names that commands know them by."""
+
+@cache
+def trees_protocol() -> BenchmarkProtocol:
+    """The normative protocol with boosted trees, `T3` and as a bound `T3p`; they need the extra `trees`."""
+    models = json.loads(resources.files("branchdrive_reference.benchmark").joinpath("trees.json").read_text())
+    normative = default_protocol().document
+    return read_protocol(normative | {"name": "branchdrive-benchmark-trees", "models": [*normative["models"], *models]})
+
+
+PROTOCOLS = {"structured": default_protocol, "visual": visual_protocol, "trees": trees_protocol}
+"""Protocols by the names that commands know them by."""
 
 RISK = "benchmark/risk.json"
 """Where risks wait until the ranking lock holds them; it is no file of the release."""
@@ -121,6 +136,26 @@ def untrained_sentence(
     return f"{', '.join(left_out)} are not trained: the release {reason}"
 
 
+def sentences_before_training(
+    release: Release, protocol: BenchmarkProtocol, models: Sequence[str] | None = None, *, with_guard: bool
+) -> list[str]:
+    """What is to be known before hours of training: sizes of partitions, what they lack, models that are left out.
+
+    Args:
+        release: The release.
+        protocol: The one in force.
+        models: Models that are asked for; all by default.
+        with_guard: Whether a guard is calibrated too.
+    """
+    groups, clusters = ({name: sizes[unit] for name, sizes in release.sizes.items()} for unit in ("groups", "clusters"))
+    untrained = untrained_sentence(release, protocol, models)
+    return [
+        sizes_sentence(groups, clusters),
+        *shortage_sentences(groups, clusters, protocol.guard if with_guard else None),
+        *([untrained] if untrained else []),
+    ]
+
+
 def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:
     try:
         for model in protocol.models:
@@ -130,7 +165,7 @@ def _check_models(file: Path, protocol: BenchmarkProtocol) -> None:
 
 
 def read_protocol_file(file: Path) -> BenchmarkProtocol:
-    """The protocol in a file, or a normative one by its name in `PROTOCOLS`.
+    """The protocol in a file, or one by its name in `PROTOCOLS`.
 
     Raises:
         UsageError: There is none.

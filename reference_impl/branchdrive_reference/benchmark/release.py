@@ -26,8 +26,9 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.manifest import Manifest, read_manifest
 from branchdrive.formats.table_file import layer_table_paths, read_layer_table, read_table
 from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.quality.partition import assignment_of, clusters_of, partition_sizes
 from branchdrive.tables.arrow import from_arrow
-from branchdrive.tables.frame import Values
+from branchdrive.tables.frame import Frame, Values
 
 __all__ = ["Release", "baseline_contexts", "benchmark_data", "open_release", "published_predictions"]
 
@@ -65,8 +66,16 @@ class Release:
     @cached_property
     def clusters(self) -> dict[str, int]:
         """Route cluster of every group of the model layer."""
-        contexts = from_arrow(read_layer_table(self.layer.folder, "contexts"), "contexts")
-        return dict(zip(contexts["group_id"].tolist(), contexts["route_cluster"].tolist(), strict=True))
+        return clusters_of(self._contexts)
+
+    @cached_property
+    def sizes(self) -> dict[str, dict[str, int]]:
+        """Groups and route clusters of every partition of the model layer that has a group."""
+        return partition_sizes(assignment_of(self._contexts), self.clusters)
+
+    @cached_property
+    def _contexts(self) -> Frame:
+        return from_arrow(read_layer_table(self.layer.folder, "contexts"), "contexts")
 
     @cached_property
     def parts(self) -> dict[str, int]:

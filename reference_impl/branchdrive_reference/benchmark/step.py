@@ -31,6 +31,7 @@ from branchdrive_reference.learning.pool import Task
 from branchdrive_reference.learning.prediction import check_release
 from branchdrive_reference.learning.provenance import provenance
 from branchdrive_reference.learning.training import training_data
+from branchdrive_reference.learning.trees import need_scikit_learn
 
 __all__ = ["Progress", "Trained", "lock_step", "make_lock", "predict_step", "train_step"]
 
@@ -73,20 +74,26 @@ def train_step(
     """Train models, and the folds from which the risk of the guard is learned; its time is counted apart.
 
     Raises:
+        PlatformError: Trees are missing, and the extra for them is not installed.
         UsageError: As `train_models`, no model is called so, or the guard cannot be fitted.
         DatasetError: The release or a checkpoint cannot be read.
     """
     release, begin = workspace.release, time.monotonic()
     tasks = model_tasks(protocol, models)
+    is_wanted = with_guard and (models is None or set(protocol.guard.models) <= set(models))
+    folds = fold_tasks(release, protocol) if is_wanted else []  # what refuses them is said before anything is trained
     workspace.restore()
     num_anew = drop_stale(workspace.checkpoints, tasks)
-    num_there = sum(task.path(workspace.checkpoints).exists() for task in tasks)
+    missing = [task for task in tasks if not task.path(workspace.checkpoints).exists()]
+    if any(task.configuration.model.trees for task in missing):
+        need_scikit_learn()
+    num_there = len(tasks) - len(missing)
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
-    models_s, begin, folds = time.monotonic() - begin, time.monotonic(), []
-    is_wanted = with_guard and (models is None or set(protocol.guard.models) <= set(models))
-    if is_wanted and not _has_risk(workspace, protocol):
-        folds = fold_tasks(release, protocol)
+    models_s, begin = time.monotonic() - begin, time.monotonic()
+    if folds and _has_risk(workspace, protocol):
+        folds = []
+    if folds:
         num_anew += drop_stale(workspace.folds, folds)
         with progress("training folds of the guard") as show:
             train(release, workspace.folds, folds, jobs=jobs, device=device, show=show)

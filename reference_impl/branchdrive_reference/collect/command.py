@@ -191,6 +191,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 )
             finished = num_groups
             bar.close()
+            if report is not None:  # before hours of rendering: what a benchmark takes is among it
+                stdout.write("".join(f"{line}\n" for line in _collected(report)))
+                stdout.flush()
             if args.media:
                 images = _render(args, bar.enter_context(progress_bar(stderr, "rendering groups")))
     except KeyboardInterrupt as interrupt:
@@ -261,8 +264,7 @@ def _command_line(args: argparse.Namespace) -> str:
 
 
 def _summary(args: argparse.Namespace, report: CollectionReport | None, images: RenderReport | None) -> str:
-    lines = _collected(report) if report else []
-    identity = report.identity if report else ""
+    lines, identity = [], report.identity if report else ""
     if images is not None:
         identity = images.identity
         lines += [f"images    {images.num_images:,} in {images.num_bytes / 1e6:,.1f} MB"]

@@ -28,7 +28,7 @@ from branchdrive.runtime.environment import extra
 from branchdrive_reference.learning.configuration import TreesConfig
 from branchdrive_reference.learning.outcome import Outcome
 
-__all__ = ["TreesNetwork", "tree_rows"]
+__all__ = ["TreesNetwork", "need_scikit_learn", "tree_rows"]
 
 HISTORIES = ("state", "controls", "expert", "surroundings")
 MASK_OF = {"surroundings": "surroundings_mask"}
@@ -72,9 +72,10 @@ class TreesNetwork(nn.Module):
         Raises:
             PlatformError: The extra is not installed.
         """
-        with extra("trees", of="boosted trees"):
-            from sklearn.ensemble import HistGradientBoostingRegressor
-            from threadpoolctl import threadpool_limits
+        need_scikit_learn()
+        from sklearn.ensemble import HistGradientBoostingRegressor
+        from threadpoolctl import threadpool_limits
+
         rows = tree_rows(data).numpy()
         for target in range(_NUM_TARGETS):
             there = data["mask"][..., target].reshape(-1).numpy()
@@ -134,6 +135,17 @@ class TreesNetwork(nn.Module):
                 place = onwards
             total += value[place]
         return total
+
+
+def need_scikit_learn() -> None:
+    """Make sure that trees can be fitted; fitted ones predict without.
+
+    Raises:
+        PlatformError: The extra is not installed.
+    """
+    with extra("trees", of="boosted trees"):
+        import sklearn.ensemble  # noqa: F401
+        import threadpoolctl  # noqa: F401
 
 
 def tree_rows(inputs: Mapping[str, Tensor]) -> Tensor:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
 from branchdrive.cli.place import folder
-from branchdrive.cli.progress import progress_bar
+from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
 from branchdrive.runtime.environment import extra
@@ -93,6 +93,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         PlatformError: The extra is not installed.
     """
     streams = chosen_streams(args.streams)
+    from branchdrive.collector.campaign import count_routes
+    from branchdrive.collector.report import routes_text
+
     with extra("media", "sim", of="`render`"):
         from branchdrive_reference.rendering.dataset import render_dataset
         from branchdrive_reference.rendering.plan import MediaPlan
@@ -100,14 +103,18 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_output(args.output, outside=args.dataset, is_folder=True)
     plan = MediaPlan(cameras_of(streams, width_px=args.width, height_px=args.height), args.window)
     done = total = 0
+    show: Update | None = None
     try:
         with ExitStack() as stack:
             stack.enter_context(heeded_termination())
-            show = stack.enter_context(progress_bar(stderr, "rendering groups"))
 
             def watch(num_done: int, num_groups: int) -> None:
-                nonlocal done, total
+                nonlocal done, total, show
                 done, total = num_done, num_groups
+                if show is None:
+                    counts = count_routes(args.dataset if args.output is None else args.output)
+                    stderr.write(f"routes    {routes_text(*counts)}\n")
+                    show = stack.enter_context(progress_bar(stderr, "rendering groups"))
                 show(num_done, num_groups)
 
             report = render_dataset(args.dataset, plan, output=args.output, jobs=args.jobs, watch=watch)

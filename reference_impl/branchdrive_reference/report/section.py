@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from branchdrive.benchmark.headline import inconclusive_sentence
 from branchdrive.benchmark.latency import latency_table
+from branchdrive.benchmark.shortage import inconclusive_sentence
 from branchdrive.benchmark.tables import result_sections
 from branchdrive.cli.population import population_table, retention_table
 from branchdrive.contract.layout import FILTERING_FILE, LATENCY_FILE, LEAKAGE_FILE, LEDGER_FILE, RESULTS_FILE
@@ -134,7 +134,8 @@ def _fidelity(documents: Mapping[str, Any]) -> Iterator[Part]:
 
 def _benchmark(documents: Mapping[str, Any]) -> Section:
     results = documents[RESULTS_FILE]
-    warning = inconclusive_sentence(results)
+    population = results["population"]
+    warning = inconclusive_sentence(population["groups"], population["clusters"])
     timed = [latency_table(documents[LATENCY_FILE])] if LATENCY_FILE in documents else []
     parts: list[Part] = [*([Passage("", [warning])] if warning else []), *result_sections(results), *timed]
     return Section("benchmark", "Benchmark", tuple(parts), tuple(results["warnings"]))

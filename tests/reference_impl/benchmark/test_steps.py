@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 from tests.reference_impl.benchmark.small_release import (
     contents,
     invoke,
+    invoke_both,
     is_clean,
     protocol,
     smallest_protocol,
@@ -16,7 +18,7 @@ from tests.reference_impl.benchmark.small_release import (
 )
 from tests.sampling import THOROUGH
 
-from branchdrive import DatasetError, UsageError
+from branchdrive import DatasetError, PlatformError, UsageError
 from branchdrive.contract.document import dump_json, schema_mismatches
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import Folder
@@ -71,6 +73,34 @@ def test_again_changes_nothing(benchmarked: Path) -> None:
     said = invoke("benchmark", benchmarked, "--no-figures", "--format", "json")
     assert said.encode() == before["benchmark/results.json"]
     assert contents(benchmarked) == before
+
+
+def test_what_a_population_lacks_is_said_before_training(
+    release: Path, small_protocol: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained: list[int] = []
+    monkeypatch.setattr(
+        "branchdrive_reference.benchmark.step.train", lambda *arguments, **_: trained.append(len(arguments[2]))
+    )
+    said = invoke_both("train", release, "--protocol", small_protocol, "--models", "M0", "--no-guard")[1]
+    assert "The release has 12 groups in 10 route clusters in `train`, 3 groups in " in said
+    assert "Nothing can be concluded: `test` has 4 groups in 4 route clusters" in said
+    assert "guard" not in said
+    assert trained == [1]
+    monkeypatch.setattr("branchdrive_reference.benchmark.guard.fold.NUM_FOLDS", 11)
+    with pytest.raises(UsageError, match="10 route clusters in training are too few for the 11 folds of the guard"):
+        invoke("train", release)
+    assert trained == [1]  # nothing was trained before that
+
+
+def test_trees_without_their_library_are_refused_before_anything_is_trained(
+    release: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("branchdrive_reference.benchmark.step.train", lambda *_, **__: pytest.fail("trained"))
+    monkeypatch.setitem(sys.modules, "sklearn", None)
+    monkeypatch.delitem(sys.modules, "sklearn.ensemble", raising=False)
+    with pytest.raises(PlatformError, match="boosted trees"):
+        invoke("train", release, "--protocol", "trees", "--no-guard")
 
 
 def interrupt_training(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,13 +12,13 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from tests.reference_impl.learning.small_models import MEAN, make_release
 
 from branchdrive.benchmark.protocol.protocol import DeclaredModel
+from branchdrive_reference.benchmark.document import trees_protocol
 from branchdrive_reference.learning.checkpoint import read_checkpoint
 from branchdrive_reference.learning.configuration import Configuration, ModelConfig, TreesConfig
 from branchdrive_reference.learning.prediction import predict
 from branchdrive_reference.learning.training import train_model
 from branchdrive_reference.learning.trees import ABSENT, TreesNetwork, tree_rows
 
-ROOT = Path(__file__).resolve().parents[3]
 SMALL = TreesConfig(iterations=4, leaves=5, learning_rate=0.3, min_rows=3)
 CONFIGURATION = replace(MEAN, model=ModelConfig("T3", "privileged", 9, trees=SMALL))
 
@@ -77,8 +76,8 @@ def test_model_trains_once_and_predicts_from_its_file(tmp_path: Path) -> None:
     assert again.scalars.tolist() == found.scalars.tolist()
 
 
-@pytest.mark.parametrize("declared", json.loads((ROOT / "docs/examples/trees.json").read_text()), ids=lambda d: d["id"])
-def test_documented_models_are_declared_and_configured(declared: dict[str, object]) -> None:
-    found = Configuration.of(DeclaredModel.model_validate(declared))
+@pytest.mark.parametrize("declared", trees_protocol().models[-2:], ids=lambda declared: declared.id)
+def test_models_of_the_protocol_are_configured(declared: DeclaredModel) -> None:
+    found = Configuration.of(declared)
     assert found.model.trees is not None
     assert (found.model.is_trained, found.model.reads_actions) == (False, True)

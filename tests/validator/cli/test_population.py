@@ -10,7 +10,10 @@ from rich.console import Console
 from tests.validator.quality.release import DIGEST, Release, documents, leakage, paper_groups, paper_pairs
 
 from branchdrive.cli.population import print_accesses, print_leakage, print_population, print_retention
+from branchdrive.cli.text import render_build
 from branchdrive.quality.ledger import with_round
+from branchdrive.release.builder import BuildReport
+from branchdrive.statistics.bca import LEAST_UNITS
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +27,26 @@ def shown(printer: Any, document: Any, width: int = 110, *, terminal: bool = Fal
     console = Console(file=buffer, width=width, force_terminal=terminal, highlight=False, emoji=False)
     printer(console, document)
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines())
+
+
+def test_a_build_says_what_a_benchmark_will_lack(release: Release) -> None:
+    *earlier, frozen = release.population["stages"]
+    stages = [*earlier, {**frozen, "groups": {**frozen["groups"], "calibration": 50}}]
+
+    def built(num_clusters: int) -> str:
+        sizes = {"groups": 95, "clusters": num_clusters}
+        made = {
+            "quality/population.json": {**release.population, "stages": stages},
+            "quality/split.json": {"partitions": {"test": sizes, "calibration": sizes}},
+            "quality/retention.json": release.retention,
+            "quality/ledger.json": with_round(None, split_digest=DIGEST, thresholds_digest=DIGEST),
+        }
+        return render_build(BuildReport("release", DIGEST, ("raw", "quality"), made), io.StringIO())
+
+    few, enough = (" ".join(built(num_clusters).split()) for num_clusters in (LEAST_UNITS - 1, LEAST_UNITS))
+    assert "Nothing can be concluded: `test` has 87 groups in 5 route clusters" in few
+    assert "Nothing can be concluded" not in enough
+    assert "guard will stay at nominal: `calibration` has 50 groups in 6 route clusters" in enough
 
 
 POPULATION = """\

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from branchdrive.benchmark.cell import Document, number, spread_over_seeds
 from branchdrive.benchmark.prediction.table import headline_tables
-from branchdrive.benchmark.protocol.protocol import Partitions
 from branchdrive.benchmark.protocol.selection import ENSEMBLE, LEARNED
 from branchdrive.benchmark.ranking.ending_table import LIMITS, MEANING, ending_sentence, has_endings
 from branchdrive.benchmark.ranking.selected_table import is_privileged
-from branchdrive.contract.text import NONE, counted, percent
-from branchdrive.statistics.bca import LEAST_UNITS
+from branchdrive.contract.text import NONE, percent
 from branchdrive.text.table import Column, Passage, Table
 
-__all__ = ["headline_sections", "inconclusive_sentence"]
+__all__ = ["headline_sections"]
 
 _REFERENCES = ("nominal", "action_prior", "type_prior")
 """Selectors that every learned one is read beside."""
@@ -30,22 +28,6 @@ def headline_sections(results: Document) -> list[Table | Passage]:
         results: Document ``results.json``, which conforms to its schema.
     """
     return [*headline_tables(results), *_selection_sections(results), *_guard_and_noise(results)]
-
-
-def inconclusive_sentence(results: Document) -> str | None:
-    """That the reported partition has too few route clusters for any interval or test; ``None`` where it has enough.
-
-    Args:
-        results: As above.
-    """
-    reported, population = Partitions().report, results["population"]
-    num_groups, num_clusters = (population[unit].get(reported, 0) for unit in ("groups", "clusters"))
-    if num_clusters >= LEAST_UNITS:
-        return None
-    return (
-        f"Nothing can be concluded: `{reported}` has {counted(num_groups, 'group')} in "
-        f"{counted(num_clusters, 'route cluster')}, and intervals and tests of 95 % take {LEAST_UNITS} or more."
-    )
 
 
 def _selection_sections(results: Document) -> list[Table | Passage]:

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from branchdrive.benchmark.cell import Document
 from branchdrive.benchmark.guard.table import guard_sections, noise_tables
-from branchdrive.benchmark.headline import inconclusive_sentence
 from branchdrive.benchmark.latency import latency_table
 from branchdrive.benchmark.prediction.table import prediction_tables
 from branchdrive.benchmark.ranking.table import ranking_sections
+from branchdrive.benchmark.shortage import inconclusive_sentence
 from branchdrive.text.markdown import section_lines
 from branchdrive.text.table import Passage, Table
 
@@ -43,7 +43,8 @@ def render_tables(results: Document, latency: Document | None = None) -> str:
         results: Document ``results.json``, which conforms to its schema.
         latency: Document ``latency.json``, if there is one.
     """
-    protocol, warning = results["protocol"], inconclusive_sentence(results)
+    protocol, population = results["protocol"], results["population"]
+    warning = inconclusive_sentence(population["groups"], population["clusters"])
     short = ["Nothing can be concluded: too few route clusters."] if warning else []
     head = [
         "# Benchmark results",

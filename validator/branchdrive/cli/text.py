@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from io import StringIO
-from typing import TYPE_CHECKING, TextIO, get_args
+from typing import TYPE_CHECKING, Any, TextIO, get_args
 
 from rich.console import Console
 from rich.markdown import Markdown
@@ -111,6 +111,7 @@ def _print_build(console: Console, report: BuildReport) -> None:
     if "quality/population.json" in documents:
         console.print()
         print_population(console, documents["quality/population.json"])
+        _print_shortage(console, documents)
         console.print()
         print_retention(console, documents["quality/retention.json"])
         if FILTERING_FILE in documents:
@@ -118,6 +119,27 @@ def _print_build(console: Console, report: BuildReport) -> None:
         console.print()
         print_accesses(console, documents["quality/ledger.json"])
         print_leakage(console, documents.get("quality/leakage.json"))
+
+
+def _print_shortage(console: Console, documents: Mapping[str, Any]) -> None:
+    """What a benchmark will lack, beyond what the population says by itself.
+
+    Clusters are those of the split: of a partition that lost groups since, no more are left.
+    """
+    from branchdrive.benchmark.protocol.protocol import default_protocol
+    from branchdrive.benchmark.shortage import inconclusive_sentence, unguarded_sentence
+    from branchdrive.statistics.bca import LEAST_UNITS
+
+    groups = documents["quality/population.json"]["stages"][-1]["groups"] or {}
+    sizes = documents["quality/split.json"]["partitions"]
+    clusters = {name: min(size["clusters"], groups.get(name, 0)) for name, size in sizes.items()}
+    has_enough_groups = groups.get("test", 0) >= LEAST_UNITS
+    found = (
+        inconclusive_sentence(groups, clusters) if has_enough_groups else None,
+        unguarded_sentence(groups, clusters, default_protocol().guard) if groups.get("calibration") else None,
+    )
+    for sentence in filter(None, found):
+        console.print(Text(sentence, style="yellow"))
 
 
 def _print_head(console: Console, report: Report) -> None:

@@ -26,7 +26,7 @@ from branchdrive.runtime.workers import num_workers, run_each
 from branchdrive.writer.group_writer import GroupWriter
 from branchdrive.writer.writer import DatasetWriter
 
-__all__ = ["Execute", "Planned", "check_begun", "run_campaign"]
+__all__ = ["Execute", "Planned", "check_begun", "count_routes", "run_campaign"]
 
 
 class Planned(Protocol):
@@ -145,11 +145,15 @@ def run_campaign(
     identity = writer.finalize()
     workers = num_workers(len(missing), jobs=jobs)
     seconds = time.perf_counter() - begin_s
-    return CollectionReport(tuple(reports), num_found, workers, seconds, identity, *_routes(writer.root))
+    return CollectionReport(tuple(reports), num_found, workers, seconds, identity, *count_routes(writer.root))
 
 
-def _routes(root: Path) -> tuple[int, int]:
-    """Branched groups of a finished dataset, and the clusters of their routes."""
+def count_routes(root: Path) -> tuple[int, int]:
+    """Branched groups of a finished dataset, and the clusters of their routes.
+
+    Raises:
+        DatasetError: A table cannot be read.
+    """
     towns: list[str] = []
     lines = []
     for table in open_dataset(root).table(ROLLOUTS):

@@ -9,7 +9,7 @@ from branchdrive.contract.text import counted
 from branchdrive.statistics.bca import LEAST_UNITS
 from branchdrive.statistics.split import SHARES
 
-__all__ = ["CLUSTERS_TO_CONCLUDE", "CollectionReport", "GroupReport"]
+__all__ = ["CLUSTERS_TO_CONCLUDE", "CollectionReport", "GroupReport", "routes_text"]
 
 MIN_ROUTE_CLUSTERS = 5
 """Clusters of routes, a group each, from which a split always gives every partition one (README, "Try it")."""
@@ -92,17 +92,7 @@ class CollectionReport:
     @property
     def routes_text(self) -> str:
         """How many clusters the routes make, and how many a release takes."""
-        there = f"{counted(self.num_route_clusters, 'route cluster')} in {counted(self.num_branched, 'branched group')}"
-        if self.num_route_clusters < MIN_ROUTE_CLUSTERS:
-            return (
-                f"{there}; a release parts whole clusters into train, val and test and takes at least "
-                f"{MIN_ROUTE_CLUSTERS}: let seeds choose among more routes"
-            )
-        return (
-            f"{there}; a release takes at least {MIN_ROUTE_CLUSTERS}, a benchmark that concludes something about "
-            f"{CLUSTERS_TO_CONCLUDE}: {SHARES['test']} % of them are for test, of which replay fidelity may take a "
-            "third"
-        )
+        return routes_text(self.num_branched, self.num_route_clusters)
 
     def remarks(self, *reasons: str) -> list[str]:
         """What groups lack and why, a line each: at most ten of each reason, and how many more there are.
@@ -119,3 +109,18 @@ class CollectionReport:
             if len(concerned) > _MAX_LISTED:
                 lines.append(f"{len(concerned) - _MAX_LISTED:,} more: {_SAID[reason]}")
         return lines
+
+
+def routes_text(num_branched: int, num_route_clusters: int) -> str:
+    """How many clusters the routes of so many branched groups make, and how many a release and a benchmark take."""
+    there = f"{counted(num_route_clusters, 'route cluster')} in {counted(num_branched, 'branched group')}"
+    if num_route_clusters < MIN_ROUTE_CLUSTERS:
+        return (
+            f"{there}; a release parts whole clusters into train, val and test and takes at least "
+            f"{MIN_ROUTE_CLUSTERS}: let seeds choose among more routes"
+        )
+    return (
+        f"{there}; a release takes at least {MIN_ROUTE_CLUSTERS}, a benchmark that concludes something about "
+        f"{CLUSTERS_TO_CONCLUDE}: {SHARES['test']} % of them are for test, of which replay fidelity may take a "
+        "third"
+    )

@@ -44,14 +44,14 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     check_device(args.device)
     if not args.no_figures:
         need_plots()
-    from branchdrive_reference.benchmark.document import untrained_sentence
+    from branchdrive_reference.benchmark.document import sentences_before_training
     from branchdrive_reference.benchmark.evaluation import evaluate_published
     from branchdrive_reference.benchmark.step import lock_step, predict_step, train_step
 
     progress = bars(stderr)
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
-        if untrained := untrained_sentence(workspace.release, protocol):
-            stderr.write(f"{untrained}\n")
+        for said in sentences_before_training(workspace.release, protocol, with_guard=not args.no_guard):
+            stderr.write(f"{said}\n")
         trained = train_step(
             workspace, protocol, models=None, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=progress,

@@ -140,10 +140,12 @@ def render_results(results: Mapping[str, Any], stdout: TextIO, *, tables: str | 
 def _print_results(console: Console, results: Mapping[str, Any], tables: str | None) -> None:
     from rich.text import Text
 
-    from branchdrive.benchmark.headline import headline_sections, inconclusive_sentence
+    from branchdrive.benchmark.headline import headline_sections
+    from branchdrive.benchmark.shortage import inconclusive_sentence
     from branchdrive.text.terminal import print_section
 
-    if (sentence := inconclusive_sentence(results)) is not None:
+    population = results["population"]
+    if (sentence := inconclusive_sentence(population["groups"], population["clusters"])) is not None:
         console.print(Text(sentence, style="yellow"))
         console.print()
     for warning in results["warnings"]:

@@ -36,8 +36,9 @@ def add_protocol(parser: argparse.ArgumentParser) -> None:
     """Another protocol than the default one."""
     parser.add_argument(
         "--protocol", metavar="FILE", type=Path,
-        help="benchmark protocol as JSON, or `structured` or `visual` for those of this version (default: the one in "
-        "use in the release, else `visual` where it has images and `structured` where not)",
+        help="benchmark protocol as JSON, or `structured` or `visual` for those of this version, or `trees` for the "
+        "first with boosted trees (default: the one in use in the release, else `visual` where it has images and "
+        "`structured` where not)",
     )  # fmt: skip
 
 

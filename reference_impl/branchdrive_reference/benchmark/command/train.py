@@ -52,12 +52,12 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     need_models("train")
     check_device(args.device)
-    from branchdrive_reference.benchmark.document import untrained_sentence
+    from branchdrive_reference.benchmark.document import sentences_before_training
     from branchdrive_reference.benchmark.step import train_step
 
     with at_work(args.release, args.protocol, keep=True) as (workspace, protocol):
-        if untrained := untrained_sentence(workspace.release, protocol, args.models):
-            stderr.write(f"{untrained}\n")
+        for said in sentences_before_training(workspace.release, protocol, args.models, with_guard=not args.no_guard):
+            stderr.write(f"{said}\n")
         found = train_step(
             workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
             progress=bars(stderr),
