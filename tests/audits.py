@@ -19,6 +19,7 @@ from branchdrive.engine.report import Report
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.engine.validate import validate
+from branchdrive.formats.folder import Folder
 from branchdrive.runtime.executor import in_process
 
 __all__ = ["audit_once", "remember_audits", "remembering", "validate_once"]
@@ -29,6 +30,8 @@ _known: dict[str, bytes] = {}
 
 def audit_once(task: ShardTask) -> ShardResult:
     """`audit_shard`, which shards of the same bytes go through once; files that cannot be read go through it anyway."""
+    if not isinstance(task.dataset, Folder):
+        return audit_shard(task)
     try:
         files = {path: hashlib.sha256((task.dataset.root / path).read_bytes()).hexdigest() for path in task.files}
     except OSError:

@@ -100,7 +100,7 @@ def _protocol(release: Release, stored: Any | None) -> BenchmarkProtocol:
             return read_protocol(stored)
         return default_protocol() if _lacking_streams(release) else visual_protocol()
     except DatasetError as error:
-        raise DatasetError(f"{release.root}: {PROTOCOL_FILE!r}: {error}") from error
+        raise DatasetError(f"{release}: {PROTOCOL_FILE!r}: {error}") from error
 
 
 def _lacking_streams(release: Release) -> tuple[str, ...]:

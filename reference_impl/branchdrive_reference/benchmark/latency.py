@@ -100,7 +100,7 @@ def latency_document(release: Release, *, repeats: int, show: Update) -> dict[st
     """
     lock = release.document(LOCK_FILE)
     if lock is None:
-        raise UsageError(f"{release.root}: has no locked models; run `branchdrive predict` first")
+        raise UsageError(f"{release}: has no locked models; run `branchdrive predict` first")
     protocol, layer = published_protocol(release), release.layer
     scale, profiles = utility_scale(protocol, benchmark_data(release)), protocol.preferences
     contexts, models = contexts_of(layer, "train"), timed_models(protocol)

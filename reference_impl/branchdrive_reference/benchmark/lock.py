@@ -44,10 +44,10 @@ def read_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     """
     document = stored_document(workspace, LOCK_FILE)
     if document is None:
-        raise UsageError(f"{workspace.release.root}: nothing is locked; run `branchdrive lock` first")
+        raise UsageError(f"{workspace.release}: nothing is locked; run `branchdrive lock` first")
     for wrong in lock_mismatches(document, lock_facts(workspace.release, protocol)):
         raise UsageError(
-            f"{workspace.release.root}: the lock at {wrong.location['pointer']} is of {wrong.found}, expected "
+            f"{workspace.release}: the lock at {wrong.location['pointer']} is of {wrong.found}, expected "
             f"{wrong.expected}; run `branchdrive lock` and `branchdrive predict` again"
         )
     found: dict[str, Any] = document

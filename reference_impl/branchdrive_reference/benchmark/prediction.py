@@ -36,9 +36,7 @@ def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: st
     """
     release, lock = workspace.release, read_lock(workspace, protocol)
     for file in changed_checkpoints_of(workspace, lock):
-        raise UsageError(
-            f"{release.root}: {file!r} is not the checkpoint that was locked; run `branchdrive lock` again"
-        )
+        raise UsageError(f"{release}: {file!r} is not the checkpoint that was locked; run `branchdrive lock` again")
     data = benchmark_data(release)
     partitions = [name for name in protocol.predicted if name in data.parts]
     found: dict[str, dict[int, dict[str, Predictions]]] = {}
@@ -72,7 +70,7 @@ def _publish(workspace: Workspace, lock: dict[str, Any], predictions: Prediction
 def _there(workspace: Workspace, path: str) -> bytes:
     content = workspace.read(path)
     if content is None:
-        raise DatasetError(f"{workspace.release.root}: {path!r} is gone; run `branchdrive lock` again")
+        raise DatasetError(f"{workspace.release}: {path!r} is gone; run `branchdrive lock` again")
     return content
 
 
@@ -83,7 +81,7 @@ def locked_checkpoints(release: Release, lock: Mapping[str, Any], model: str) ->
         DatasetError: One cannot be read, or is not the one that was locked.
     """
     return [
-        read_checkpoint(release.root / BENCHMARK / entry["file"], sha256=entry["sha256"])
+        read_checkpoint(f"{BENCHMARK}/{entry['file']}", sha256=entry["sha256"], store=release.layer.folder)
         for entry in lock["checkpoints"]
         if entry["model"] == model
     ]

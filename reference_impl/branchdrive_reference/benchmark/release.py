@@ -24,6 +24,7 @@ from branchdrive.contract.layout import BENCHMARK, MANIFEST_FILE, RAW_DIR, layer
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.manifest import Manifest, read_manifest
+from branchdrive.formats.place import Place
 from branchdrive.formats.table_file import layer_table_paths, read_layer_table, read_table
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.quality.partition import assignment_of, clusters_of, partition_sizes
@@ -50,8 +51,15 @@ class Release:
 
     @property
     def root(self) -> Path:
-        """Its folder."""
+        """Its folder.
+
+        Raises:
+            UsageError: It is in no folder.
+        """
         return self.layer.root
+
+    def __str__(self) -> str:
+        return str(self.layer.folder)
 
     @property
     def has_raw(self) -> bool:
@@ -115,12 +123,12 @@ class Release:
         try:
             document = parse_json(content)
         except (ValueError, RecursionError) as error:
-            raise DatasetError(f"{self.root}: {path!r} {error}; {advice}") from error
+            raise DatasetError(f"{self}: {path!r} {error}; {advice}") from error
         layer, _, name = path.partition("/")
         declared = LAYERS[layer].documents.get(name)
         for wrong in schema_mismatches(document, declared.schema) if declared is not None else ():
             pointer = wrong.location["pointer"]
-            raise DatasetError(f"{self.root}: {path!r} at {pointer}: expected {wrong.expected}; {advice}")
+            raise DatasetError(f"{self}: {path!r} at {pointer}: expected {wrong.expected}; {advice}")
         return document
 
     def benchmark_files(self) -> dict[str, bytes]:
@@ -129,11 +137,12 @@ class Release:
         return {path: self.content(path) for path in paths}
 
 
-def open_release(root: str | Path) -> Release:
-    """Open the release in the folder `root`, and hold its derived layers against its manifest.
+def open_release(root: Place) -> Release:
+    """Open the release at `root`, wherever that is, and hold its derived layers against its manifest.
 
     Raises:
         DatasetError: There is no model layer or no manifest, or a file is not the one that the manifest lists.
+        PlatformError: A store cannot be reached or refuses.
     """
     layer = open_model(root)
     manifest, mismatches = read_manifest(layer.folder)
@@ -184,10 +193,10 @@ def published_predictions(release: Release, protocol: BenchmarkProtocol, data: B
     """
     if not release.has_benchmark:
         raise UsageError(
-            f"{release.root}: has no predictions; `branchdrive benchmark` makes them, or `branchdrive train`, `lock` "
+            f"{release}: has no predictions; `branchdrive benchmark` makes them, or `branchdrive train`, `lock` "
             "and `predict`, and `--predictions FILE --name NAME` evaluates those of your own model"
         )
     frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in TABLES}
     for wrong in prediction_mismatches(frames, data, protocol):
-        raise DatasetError(f"{release.root}: {mismatch_text(wrong)}; run `branchdrive predict` again")
+        raise DatasetError(f"{release}: {mismatch_text(wrong)}; run `branchdrive predict` again")
     return PredictionSet.from_frames(frames, data)

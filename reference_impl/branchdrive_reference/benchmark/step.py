@@ -131,7 +131,7 @@ def make_lock(workspace: Workspace, protocol: BenchmarkProtocol) -> dict[str, An
     for task in model_tasks(protocol):
         path = task.path(workspace.checkpoints)
         if not path.is_file():
-            raise UsageError(f"{release.root}: {task.name} has no checkpoint; run `branchdrive train` first")
+            raise UsageError(f"{release}: {task.name} has no checkpoint; run `branchdrive train` first")
         checkpoint = read_checkpoint(path)
         _check_provenance(checkpoint, task, release)
         origin = checkpoint.provenance
@@ -155,7 +155,7 @@ def _check_provenance(checkpoint: Checkpoint, task: Task, release: Release) -> N
     for name, found in checkpoint.provenance.record.items():
         if found != expected[name]:
             raise UsageError(
-                f"{release.root}: {task.name} has a checkpoint with the `{name}` {found!r}, expected "
+                f"{release}: {task.name} has a checkpoint with the `{name}` {found!r}, expected "
                 f"{expected[name]!r}; delete it and run `branchdrive train` again"
             )
 

@@ -21,6 +21,7 @@ from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport
+    from branchdrive.writer.shard_upload import ShardUpload
     from branchdrive_reference.collect.disk import DiskNeed
     from branchdrive_reference.rendering.dataset import RenderReport
 
@@ -39,6 +40,13 @@ def count(text: str) -> int:
     if not 1 <= value <= _MAX_COUNT:
         raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MAX_COUNT}")
     return value
+
+
+def bucket(text: str) -> str:
+    """A prefix of a bucket; `argparse` names this function in its messages."""
+    if "://" not in text:
+        raise argparse.ArgumentTypeError(f"{text!r} is no URL of a bucket, such as s3://BUCKET/PREFIX")
+    return text
 
 
 def strength(text: str) -> float:
@@ -102,6 +110,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     work = parser.add_argument_group("how to work")
     work.add_argument("--jobs", metavar="J", type=count, help="worker processes (default: 1)")
+    work.add_argument(
+        "--output",
+        metavar="URL",
+        type=bucket,
+        help="put finished shards below this prefix of a bucket as they come, as s3://BUCKET/PREFIX, and the manifest "
+        "when all is there; OUT is where the work is done",
+    )
     work.add_argument("--resume", action="store_true", help="only go on with a collection that OUT already holds")
 
 
@@ -147,6 +162,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     num_groups = len(args.part.places(chosen.num_groups, GROUPS_PER_SHARD))
     if args.media:
         _load_renderer()
+    upload = _upload(args)
     report: CollectionReport | None = None
     images: RenderReport | None = None
     finished = 0
@@ -173,6 +189,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                     raise_if_noted()
                 finished = groups
                 show(groups, num_groups, f"{ticks:,} ticks")
+                if upload is not None and not args.media:  # which changes shards once more
+                    upload.send_shards()
 
             if not (args.media and _is_being_rendered(args, chosen, num_groups)):
                 report = collect(
@@ -196,6 +214,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 stdout.flush()
             if args.media:
                 images = _render(args, bar.enter_context(progress_bar(stderr, "rendering groups")))
+                bar.close()
+            if upload is not None:
+                upload.finish(bar.enter_context(progress_bar(stderr, "uploading")))
     except KeyboardInterrupt as interrupt:
         progress = f"{finished} of {num_groups} groups are finished"
         stderr.write(f"interrupted; {progress}. To go on, run: {_command_line(args)}\n")
@@ -217,6 +238,16 @@ def _load_renderer() -> None:
     with extra("media", "sim", of="`collect --media`"), deferred_interrupt() as raise_if_noted:
         import branchdrive_reference.collect.media  # noqa: F401
     raise_if_noted()
+
+
+def _upload(args: argparse.Namespace) -> ShardUpload | None:
+    """Where finished shards go beside; the bucket is asked before anything is collected."""
+    if args.output is None:
+        return None
+    from branchdrive.formats.folder import Folder
+    from branchdrive.writer.shard_upload import ShardUpload
+
+    return ShardUpload.at(Folder(args.out), args.output)
 
 
 def _is_being_rendered(args: argparse.Namespace, chosen: _Choice, num_groups: int) -> bool:
@@ -252,6 +283,7 @@ def _command_line(args: argparse.Namespace) -> str:
         "--replay-noise": args.replay_noise,
         "--faults": args.faults,
         "--branches": args.branches,
+        "--output": args.output,
     }
     out = str(args.out)
     tokens = ["branchdrive", "collect", f"./{out}" if out.startswith("-") else out]
@@ -269,9 +301,9 @@ def _summary(args: argparse.Namespace, report: CollectionReport | None, images: 
         identity = images.identity
         lines += [f"images    {images.num_images:,} in {images.num_bytes / 1e6:,.1f} MB"]
     lines += [
-        f"dataset   {args.out}",
+        f"dataset   {args.output or args.out}",
         f"identity  {identity}",
-        f"next      {shlex.join(['branchdrive-validate', str(args.out)])}",
+        f"next      {shlex.join(['branchdrive-validate', str(args.output or args.out)])}",
     ]
     return "\n".join(lines) + "\n"
 

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError, UsageError
+from branchdrive.formats.store import Store
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration, is_model_name
 from branchdrive_reference.learning.network import MeanNetwork, OutcomeNetwork, build_network
 from branchdrive_reference.learning.provenance import Provenance
@@ -151,19 +152,20 @@ def write_checkpoint(
     write_tensors(path, document, weights)
 
 
-def read_checkpoint(path: str | Path, *, sha256: str | None = None) -> Checkpoint:
+def read_checkpoint(path: str | Path, *, sha256: str | None = None, store: Store | None = None) -> Checkpoint:
     """Read a checkpoint.
 
     Args:
         path: The file.
         sha256: Digest that the file must have, as a lock has it.
+        store: The place that the path is relative to; this machine by default.
 
     Raises:
         DatasetError: It cannot be read, is not a checkpoint or another one than the digest says, or does not fit its
             configuration or this version of the code.
     """
     path = Path(path)
-    file = read_tensors(path)
+    file = read_tensors(path, store)
     if sha256 is not None and file.sha256 != sha256:
         raise DatasetError(f"{path}: has the SHA-256 {file.sha256}, expected {sha256}; it was replaced")
     document = file.document

@@ -22,33 +22,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.formats.durable import write_file
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 
 __all__ = ["FeatureCache", "features_key"]
 
 
 class FeatureCache:
-    """A folder of encoded images, which several processes may use at once; it can be deleted at any time."""
+    """A folder of encoded images, which several processes may use at once; it can be deleted at any time.
 
-    def __init__(self, folder: Path) -> None:
+    Args:
+        folder: Where they are; nothing is kept where there is none.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
         self._folder = folder
 
     @classmethod
-    def beside(cls, release: Path) -> FeatureCache:
-        """The folder for a release, with its name and ``.features`` behind: beside it, and no part of it."""
-        root = release.resolve()
+    def beside(cls, release: Store) -> FeatureCache:
+        """The folder for a release, with its name and ``.features`` behind: beside it, and no part of it.
+
+        There is none beside a release that lies elsewhere than in a folder.
+        """
+        if not isinstance(release, Folder):
+            return cls(None)
+        root = release.root.resolve()
         return cls(root.with_name(f"{root.name}.features"))
 
     def get(self, key: str, shape: tuple[int, ...], dtype: str) -> NDArray[Any] | None:
         """The array of a key; ``None`` where there is none of that shape and type."""
+        if self._folder is None:
+            return None
         try:
-            found = np.load(self._path(key), allow_pickle=False)
+            found = np.load(_path(self._folder, key), allow_pickle=False)
         except (OSError, EOFError, ValueError):
             return None
         return found if isinstance(found, np.ndarray) and (found.shape, found.dtype) == (shape, dtype) else None
 
     def put(self, key: str, values: NDArray[Any]) -> None:
         """Keep an array where the folder can be written; a reader sees all of it or nothing."""
-        path, stream = self._path(key), io.BytesIO()
+        if self._folder is None:
+            return
+        path, stream = _path(self._folder, key), io.BytesIO()
         np.save(stream, values, allow_pickle=False)
         partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
         with suppress(OSError):
@@ -59,8 +74,9 @@ class FeatureCache:
             finally:
                 partial.unlink(missing_ok=True)
 
-    def _path(self, key: str) -> Path:
-        return self._folder / f"{key}.npy"
+
+def _path(folder: Path, key: str) -> Path:
+    return folder / f"{key}.npy"
 
 
 def features_key(encoder: str, checksums: NDArray[np.object_]) -> str:

@@ -43,5 +43,5 @@ def open_fold(release: ModelLayer | Place, fold: Fold) -> ModelLayer:
     layer = release if isinstance(release, ModelLayer) else open_model(release)
     strange = sorted(set(fold.groups) - set(layer.groups("train")))
     if strange:
-        raise UsageError(f"{layer.root}: fold {fold.number} holds out {strange[0]!r}, which is not a training group")
+        raise UsageError(f"{layer.folder}: fold {fold.number} holds out {strange[0]!r}, which is not a training group")
     return layer.with_partitions(dict.fromkeys(fold.groups, HELD_OUT))

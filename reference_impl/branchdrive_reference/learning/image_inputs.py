@@ -54,7 +54,7 @@ def image_arrays(
     """Encoded images and masks by name.
 
     Args:
-        layer: The release, with its raw layer; encoded images are kept beside it.
+        layer: The release, with its raw layer; encoded images are kept beside it, where it is in a folder.
         partition: ``train``, ``val``, ``test`` or ``calibration``.
         contract: What the inputs may hold.
         encoders: Encoder of every input that is wanted, by name.
@@ -65,7 +65,7 @@ def image_arrays(
         DatasetError: An image cannot be read.
     """
     found: dict[str, NDArray[Any]] = {}
-    cache = FeatureCache.beside(layer.root)
+    cache = FeatureCache.beside(layer.folder)
     for name, encoder in encoders.items():
         if encoding_of(encoder).input != name:
             raise UsageError(f"the encoding {encoder.encoding!r} is not one of the input {name!r}")

@@ -106,13 +106,13 @@ def check_release(checkpoint: Checkpoint, layer: ModelLayer) -> None:
     name = f"{checkpoint.provenance.model}, seed {checkpoint.provenance.seed},"
     if checkpoint.provenance.normalisation_digest != normalisation_digest(layer):
         raise UsageError(
-            f"{layer.root}: {name} was trained under another split or normalisation; train it on this release"
+            f"{layer.folder}: {name} was trained under another split or normalisation; train it on this release"
         )
     if checkpoint.configuration.model.reads_actions:
         width = layer.actions().shape[1]
         if width != checkpoint.num_action_features:
             raise UsageError(
-                f"{layer.root}: an action has {width} numbers, and {name} was trained on "
+                f"{layer.folder}: an action has {width} numbers, and {name} was trained on "
                 f"{checkpoint.num_action_features}; train it on this release"
             )
 

@@ -19,6 +19,7 @@ from branchdrive.contract.text import printable
 from branchdrive.errors import DatasetError
 from branchdrive.formats.durable import replace_file
 from branchdrive.formats.folder import Folder
+from branchdrive.formats.store import Store
 from branchdrive.runtime.environment import install_command
 
 try:
@@ -62,13 +63,18 @@ def write_tensors(path: Path, document: Mapping[str, Any], tensors: Mapping[str,
     replace_file(path, safetensors.torch.save(kept, {_KEY: about}))
 
 
-def read_tensors(path: Path) -> TensorFile:
+def read_tensors(path: Path, store: Store | None = None) -> TensorFile:
     """Content of a file.
+
+    Args:
+        path: Where it is.
+        store: The place that the path is relative to; this machine by default.
 
     Raises:
         DatasetError: There is no such file, it is too large, no file of this kind, or it was damaged.
     """
-    content = Folder(path.parent).read(path.name, MAX_BYTES)
+    place, name = (Folder(path.parent), path.name) if store is None else (store, path.as_posix())
+    content = place.read(name, MAX_BYTES)
     try:
         about = _about(content)
         loaded = safetensors.torch.load(content)  # in an order of its own, another one in every process

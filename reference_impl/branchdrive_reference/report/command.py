@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.contract.text import counted, printable
@@ -25,9 +26,9 @@ ORDER = 55
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=Path, help="the dataset folder")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="the dataset: folder, URL or archive")
     parser.add_argument(
-        "--raw", metavar="PATH", type=Path, help="dataset with the raw layer that a detached release names by digest"
+        "--raw", metavar="PATH", type=place, help="dataset with the raw layer that a detached release names by digest"
     )
     parser.add_argument("--output", metavar="FILE", type=Path, help="file of the report; html needs one")
     parser.add_argument(

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,8 @@ from branchdrive.engine.reading import Progress
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
@@ -79,7 +79,6 @@ class DatasetReport:
     """What a report says.
 
     Attributes:
-        root: The dataset folder.
         validation: The validator's report.
         dataset: The opened dataset with the raw layer; ``None`` where it cannot be.
         study: What it holds; ``None`` where that cannot be counted.
@@ -90,7 +89,6 @@ class DatasetReport:
         groups: Every group, in the order of the dataset.
     """
 
-    root: Path
     validation: Report
     dataset: Dataset | None
     study: Study | None
@@ -127,21 +125,22 @@ class DatasetReport:
 
 
 def read_report(
-    root: Path, *, raw: Path | None = None, executor: Executor = in_process, progress: Progress | None = None
+    root: Place, *, raw: Place | None = None, executor: Executor = in_process, progress: Progress | None = None
 ) -> DatasetReport:
     """Validate the dataset at `root` and read what a report says of it, whatever is wrong with it.
 
     Args:
-        root: The dataset folder.
-        raw: Folder of the dataset with the raw layer, for a detached release.
+        root: The dataset: a folder, or where else one may be, see `open_store`.
+        raw: The dataset with the raw layer, for a detached release.
         executor: How the validator runs shards.
         progress: Called after every shard that was validated.
 
     Raises:
         UsageError: There is no dataset at `root` or `raw`.
     """
-    validation = validate(root, raw=raw, executor=executor, progress=progress)
-    source = root if raw is None else raw
+    store, other = open_store(root), None if raw is None else open_store(raw)
+    validation = validate(store, raw=other, executor=executor, progress=progress)
+    source = other or store
     not_shown: list[str] = []
     dataset, study, not_studied = None, None, ""
     try:
@@ -154,21 +153,20 @@ def read_report(
         not_studied = sentence(error)
     documents, figures, partitions = {}, {}, {}
     if dataset is not None:
-        folder = Folder.at(root)
-        documents = _documents(folder, not_shown)
-        figures = _figures(folder, not_shown)
-        partitions = _partitions(folder, not_shown) if "quality/split.json" in documents else {}
+        documents = _documents(store, not_shown)
+        figures = _figures(store, not_shown)
+        partitions = _partitions(store, not_shown) if "quality/split.json" in documents else {}
     groups = [] if dataset is None else list(_groups(dataset, validation, partitions))
-    return DatasetReport(root, validation, dataset, study, not_studied, documents, figures, not_shown, groups)
+    return DatasetReport(validation, dataset, study, not_studied, documents, figures, not_shown, groups)
 
 
-def _documents(folder: Folder, not_shown: list[str]) -> dict[str, Any]:
+def _documents(store: Store, not_shown: list[str]) -> dict[str, Any]:
     found = {}
     for path in _DOCUMENTS:
         try:
-            if folder.status(path) is None:
+            if store.status(path) is None:
                 continue
-            document = parse_json(folder.read(path, spec_limits().max_document_bytes))
+            document = parse_json(store.read(path, spec_limits().max_document_bytes))
         except (DatasetError, ValueError, RecursionError) as error:
             not_shown.append(sentence(error))
             continue
@@ -180,16 +178,16 @@ def _documents(folder: Folder, not_shown: list[str]) -> dict[str, Any]:
     return found
 
 
-def _figures(folder: Folder, not_shown: list[str]) -> dict[str, bytes]:
+def _figures(store: Store, not_shown: list[str]) -> dict[str, bytes]:
     """Figures of the benchmark by name, as far as there is room."""
     place, found, num_bytes = f"{BENCHMARK}/figures", {}, 0
     try:
-        names = sorted(name for name in folder.names(place) if name.endswith(".png"))
+        names = sorted(name for name in store.names(place) if name.endswith(".png"))
     except DatasetError:
         return {}
     for name in names:
         try:
-            content = folder.read(f"{place}/{name}", _MOST_FIGURE_BYTES)
+            content = store.read(f"{place}/{name}", _MOST_FIGURE_BYTES)
         except DatasetError as error:
             not_shown.append(sentence(error))
             continue
@@ -201,10 +199,10 @@ def _figures(folder: Folder, not_shown: list[str]) -> dict[str, bytes]:
     return found
 
 
-def _partitions(folder: Folder, not_shown: list[str]) -> dict[str, str]:
+def _partitions(store: Store, not_shown: list[str]) -> dict[str, str]:
     """Partition of every group of a release."""
     try:
-        rows = read_layer_table(folder, "group_quality")
+        rows = read_layer_table(store, "group_quality")
     except DatasetError as error:
         not_shown.append(sentence(error))
         return {}

@@ -14,15 +14,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.places import packed
 from tests.reference_impl.benchmark.small_release import contents, invoke, smallest_protocol, write_protocol
 from tests.sampling import sampled
 from tests.waiting import PATIENCE_S
 
 from branchdrive import DatasetError, UsageError, open_model
+from branchdrive.contract.layout import LOCK_FILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.runtime.environment import install_command
 from branchdrive_reference.benchmark.document import published_protocol
 from branchdrive_reference.benchmark.foreign import mean_predictions
+from branchdrive_reference.benchmark.prediction import locked_checkpoints
 from branchdrive_reference.benchmark.release import benchmark_data, open_release, published_predictions
 
 Columns = dict[str, list[Any]]
@@ -71,6 +74,17 @@ def test_perfect_predictions_have_no_error_and_a_warning(done: Path, columns: Co
     assert value["O-Mine"] == pytest.approx(value["oracle"])
     assert tables.count("Predictions of Mine come from no locked checkpoint.") > 10
     assert contents(done) == before
+
+
+def test_a_release_in_an_archive_will_do(done: Path, columns: Columns, tmp_path: Path) -> None:
+    archive = packed(done, tmp_path / "done.zip")
+    options = ("--predictions", _write(tmp_path / "mine.parquet", columns), "--name", "Mine", "--format", "json")
+    assert invoke("evaluate", archive, *options) == invoke("evaluate", done, *options)
+    with pytest.raises(UsageError, match="needs a folder of this machine"):
+        invoke("evaluate", archive)
+    release = open_release(archive)
+    expected, found = (locked_checkpoints(one, one.document(LOCK_FILE), "M3") for one in (open_release(done), release))
+    assert [one.sha256 for one in found] == [one.sha256 for one in expected] != []
 
 
 def test_a_release_without_a_benchmark_will_do(bare: Path, columns: Columns, tmp_path: Path) -> None:

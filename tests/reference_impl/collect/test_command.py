@@ -10,6 +10,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.bucket_server import serving, use
+from tests.places import files_of
 from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.reference_impl.collect.running import finished_rollouts, start
 from tests.sampling import THOROUGH
@@ -44,6 +46,20 @@ def test_a_collected_dataset_is_valid_and_every_group_qualifies(reference: tuple
     assert report.exit_code == 0
     assert report.funnel is not None
     assert report.funnel.qualified == GROUPS
+
+
+def test_a_collection_is_put_into_a_bucket(
+    reference: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with serving() as server:
+        use(server, monkeypatch)
+        options = ("--groups", GROUPS, "--seed", SEED, "--output", "s3://bucket/drives")
+        code, out, _ = branchdrive("collect", tmp_path / "out", *options)
+        assert code == 0
+        assert f"identity  {reference[1]}" in out
+        assert "next      branchdrive-validate s3://bucket/drives" in out
+        assert {key.removeprefix("drives/"): body for key, body in server.objects.items()} == files_of(reference[0])
+    assert branchdrive("collect", tmp_path / "out", *options[:-1], "bucket")[0] == 2
 
 
 def test_a_finished_dataset_is_left_as_it_is(reference: tuple[Path, str]) -> None:

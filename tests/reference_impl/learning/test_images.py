@@ -13,6 +13,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from tests.model_release import ASSIGNMENT, OUTSIDER
+from tests.places import packed
 from tests.small_images import MEDIA, SHARD, png, semantic_view
 
 from branchdrive import DatasetError, PlatformError, UsageError, open_model
@@ -175,6 +176,20 @@ def test_features_that_cannot_be_kept_stop_nothing(images: Path, place: str, mon
         found = image_arrays(layer, "val", SENSOR, {"views": RgbPatches()})["views"]
     assert not [*images.parent.glob("release.features/*"), *images.parent.glob("release.features/.*")]
     np.testing.assert_array_equal(found, image_arrays(layer, "val", SENSOR, {"views": RgbPatches()})["views"])
+
+
+def test_images_are_read_from_an_archive_and_nothing_is_kept(images: Path, tmp_path: Path) -> None:
+    expected = image_arrays(open_model(images), "val", SENSOR, {"views": RgbPatches()})
+    layer = open_model(packed(images, tmp_path / "packed.zip"))
+    before = sorted(tmp_path.iterdir())
+    for _ in range(2):
+        counting = Counting()
+        found = image_arrays(layer, "val", SENSOR, {"views": counting})
+        assert counting.count == expected["views_mask"].sum() > 0
+        assert {*found} == {*expected}
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values)
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_damaged_file_of_features_counts_as_none(images: Path) -> None:

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.bucket_server import serving, use
+from tests.places import packed
 from tests.reference_impl.report.reading import Page, report
 
 from branchdrive import open_dataset, validate
@@ -31,6 +33,24 @@ def test_the_document_has_what_validator_and_study_count(dataset: Path) -> None:
     assert document["study"] == json.loads(json.dumps(study_dataset(dataset, lambda *_: None).to_json()))
     assert [group["id"] for group in document["groups"]] == list(open_dataset(dataset).groups)
     assert {group["outcome"] for group in document["groups"]} == {"qualifies"}
+
+
+def test_a_report_says_the_same_wherever_the_dataset_is(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = report(dataset, "--format", "json")[1]
+    assert report(dataset, "--output", tmp_path / "folder.html")[0] == 0
+    archive = packed(dataset, tmp_path / "d.zip")
+    with serving() as server:
+        use(server, monkeypatch)
+        server.fill(dataset, "d")
+        for place in (str(archive), "s3://bucket/d"):
+            code, out, err = report(place, "--format", "json")
+            assert (code, err) == (0, "")
+            assert out == expected.replace(json.dumps(str(dataset)), json.dumps(place))
+        assert report("s3://bucket/d", "--output", tmp_path / "bucket.html")[0] == 0
+    found, page = (Page(tmp_path / name).groups for name in ("bucket.html", "folder.html"))
+    assert found == page
 
 
 @pytest.mark.parametrize(("form", "verdict"), [("text", "Verdict: valid"), ("markdown", "BranchDrive: valid")])

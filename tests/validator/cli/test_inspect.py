@@ -11,6 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from tests import synthetic
+from tests.bucket_server import serving, use
+from tests.places import packed
 from tests.validator.cli.test_main import call
 from tests.validator.engine.datasets import FOLDER, write
 from tests.validator.engine.rules.release import release_draft
@@ -20,6 +22,7 @@ from branchdrive.cli.main import run
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import Folder
+from branchdrive.formats.place import open_store
 from branchdrive.inspection import overview, table_files
 from branchdrive.inspection.loading import loading
 from branchdrive.inspection.overview import look_over
@@ -145,6 +148,32 @@ def test_a_group_is_told_attempt_by_attempt(raw: Path) -> None:
     policies = [str(rollout.record["action_key"]) for rollout in group.rollouts]
     assert [row.split()[0] for row in rows] == policies
     assert str(group.nominal.record["town"]) in out
+
+
+def test_a_dataset_is_told_wherever_it_is(
+    release: Path, raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with serving() as server:
+        use(server, monkeypatch)
+        server.fill(release, "release")
+        for place in (str(packed(release, tmp_path / "release.zip")), "s3://bucket/release"):
+            for word in ("scalars", open_dataset(release).groups[0]):
+                expected, found = inspect(release, word)[1], inspect(place, word)
+                assert found[::2] == (0, "")
+                assert found[1].split("\nLoad it\n")[0] == expected.split("\nLoad it\n")[0]
+            expected, (code, found, _) = inspect(release)[1], inspect(place)
+            assert code == 0
+            assert rows_of(found) == rows_of(expected)
+            assert {**facts_of(found), "at": ""} == {**facts_of(expected), "at": ""}
+            assert f"BranchGroupDataset('{place}', 'train', 'sensor')" in found
+        code, _, err = inspect("s3://bucket/release/raw")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "is no dataset: there is no 'branchdrive.json'" in err
+    archive = packed(raw, tmp_path / "raw.zip")
+    (lines,) = loading(look_over(open_store(archive), read_descriptor(Folder(raw))))
+    scope: dict[str, object] = {}
+    exec("\n".join(lines.lines), scope)
+    assert len(scope["rows"]) == open_dataset(raw).rollouts().num_rows  # type: ignore[arg-type]
 
 
 def test_files_of_a_dataset_are_told(release: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from obstore.store import MemoryStore
 from tests import synthetic
 from tests.bucket_server import BucketServer, serving, use
+from tests.places import files_of, packed
 from tests.validator.engine.datasets import write
 from tests.validator.engine.rules.release import detached_draft, release_draft
 
@@ -54,15 +54,9 @@ class Places:
         }[kind]
 
 
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 def spread(folder: Path, server: BucketServer) -> Places:
     """Put a dataset everywhere."""
-    with zipfile.ZipFile(folder.with_suffix(".zip"), "w") as archive:
-        for path, content in files_of(folder).items():
-            archive.writestr(path, content)
+    packed(folder, folder.with_suffix(".zip"))
     server.fill(folder, folder.name)
     server.objects[f"{folder.name}.zip"] = folder.with_suffix(".zip").read_bytes()
     return Places(folder, server)

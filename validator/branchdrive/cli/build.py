@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from branchdrive.cli.executor import add_executor_argument, executor_of
-from branchdrive.cli.place import folder, place
+from branchdrive.cli.place import local, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.errors import UsageError
@@ -48,7 +48,7 @@ def calibration(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("dataset", metavar="DATASET", type=folder, help="dataset with a finished raw layer")
+    parser.add_argument("dataset", metavar="DATASET", type=place, help="dataset with a finished raw layer")
     what = parser.add_argument_group("what to build")
     what.add_argument(
         "--output",
@@ -103,6 +103,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             raise UsageError("`--no-leakage` and `--stage leakage` contradict each other")
         stages = tuple(stage for stage in stages if stage != "leakage")
     options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants), args.endings)
+    if args.output is None:
+        local(args.dataset, "`build` without `--output`")  # before a bucket is asked
     with ExitStack() as stack:
         upload = _upload(args.output, stack)
         show = stack.enter_context(progress_bar(stderr, "building"))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.links import add_link_arguments
+from branchdrive.cli.place import place
 from branchdrive.contract.text import nearest, quote, similar
 from branchdrive.errors import DatasetError, UsageError
 
 if TYPE_CHECKING:
-    from branchdrive.formats.folder import Folder
+    from branchdrive.formats.store import Store
 
 SUMMARY = "say what a dataset, a table, a group or a file is, what it holds, and how to load it"
 ORDER = 45
@@ -20,7 +20,7 @@ ORDER = 45
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("path", metavar="PATH", type=Path, help="a dataset, or a file")
+    parser.add_argument("path", metavar="PATH", type=place, help="a dataset: folder, URL or archive; or a file")
     parser.add_argument("name", metavar="TABLE|GROUP", nargs="?", help="a table or a branch group of the dataset")
     add_link_arguments(parser)
 
@@ -33,12 +33,14 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         DatasetError: It cannot be read.
     """
     from branchdrive.cli.inspect_text import print_file
+    from branchdrive.formats.archive import ARCHIVE_NAME
     from branchdrive.inspection.place import dataset_at, stored_file
     from branchdrive.text.terminal import render
 
-    if not args.path.exists():
+    is_local = not isinstance(args.path, str)
+    if is_local and not args.path.exists():
         raise UsageError(f"there is nothing at {str(args.path)!r}; give a dataset's folder or a file")
-    if args.path.is_dir():
+    if not is_local or args.path.is_dir() or args.path.name.endswith(ARCHIVE_NAME):
         dataset = dataset_at(args.path, follow_links=args.follow_links, allow=args.allow)
         stdout.write(_of_dataset(dataset, args.name, stdout))
         return 0
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return 0
 
 
-def _of_dataset(dataset: Folder, name: str | None, stdout: TextIO) -> str:
+def _of_dataset(dataset: Store, name: str | None, stdout: TextIO) -> str:
     from branchdrive.cli.inspect_text import print_group, print_overview, print_table
     from branchdrive.contract.columns import LAYER_TABLES
     from branchdrive.formats.descriptor_file import read_descriptor

@@ -24,7 +24,7 @@ __all__ = ["print_file", "print_group", "print_overview", "print_table"]
 _NAMED = 40
 """Scenario types, towns and the like that are named with their counts."""
 
-_LIBRARY_WIDTH = 10
+_LIBRARY_WIDTH = 12
 
 
 def print_overview(console: Console, found: Overview) -> None:
@@ -35,7 +35,7 @@ def print_overview(console: Console, found: Overview) -> None:
     print_section(console, _table_of_tables(found))
     _print_faults(console, found.faults)
     _print_loading(console, loading(found))
-    root = printable(str(found.dataset.root))
+    root = printable(str(found.dataset))
     _print_next(console, f"branchdrive inspect {root} TABLE", f"branchdrive inspect {root} GROUP", found)
 
 
@@ -88,7 +88,7 @@ def _facts(found: Overview) -> Iterator[tuple[str, str]]:
     tools = (f"{software.name} {software.version}" for software in (about.collector, about.simulator))
     first = "" if found.is_all else f"the first {MOST_SHARDS} of "
     shards = f" in {first}{counted(found.num_shards, 'shard')}" if found.num_shards else ""
-    yield "at", str(found.dataset.root)
+    yield "at", str(found.dataset)
     yield "title", about.title
     yield "licence", about.licence
     yield "made by", " in ".join(tools)
@@ -196,5 +196,5 @@ def _print_next(console: Console, table: str, group: str, found: Overview) -> No
     console.print()
     facts = [("a table", table), ("a group", group)] if found.contexts else [("a table", table)]
     if found.manifest is None and found.is_staged:
-        facts.append(("go on", f"branchdrive staging {printable(str(found.dataset.root))}"))
+        facts.append(("go on", f"branchdrive staging {printable(str(found.dataset))}"))
     print_facts(console, facts)

@@ -246,6 +246,24 @@ class Bucket(PinnedStore):
             return False
         return True
 
+    def put_over(self, path: str, content: bytes, was: Version) -> bool:
+        """Write an object in the place of one version of it; returns whether it was that version until then.
+
+        A request whose answer was lost is sent again, and then finds another version, which it has written itself.
+
+        Raises:
+            PlatformError: The store refuses or fails.
+        """
+        import obstore
+        from obstore.exceptions import NotFoundError, PreconditionError
+
+        try:
+            with self.faults(path):
+                obstore.put(self.connection, path, content, mode={"e_tag": was.e_tag}, use_multipart=False)
+        except (NotFoundError, PreconditionError, FileNotFoundError):
+            return False
+        return True
+
     def put_parts(self, path: str, pieces: Iterable[bytes], is_whole: Callable[[], bool]) -> bool:
         """Write an object of any size in parts, over what is there; it appears when all of them have come.
 

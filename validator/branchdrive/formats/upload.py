@@ -22,7 +22,7 @@ from branchdrive.formats.bucket import Bucket
 from branchdrive.formats.manifest import Manifest, sound_manifest
 from branchdrive.formats.store import Store
 
-__all__ = ["CLAIM_FILE", "UploadReport", "upload_dataset"]
+__all__ = ["CLAIM_FILE", "UploadReport", "claim_for", "claim_prefix", "send_file", "upload_dataset"]
 
 CLAIM_FILE = f"{STAGING_DIR}/upload.json"
 """Which manifest is being uploaded."""
@@ -70,14 +70,14 @@ def upload_dataset(
     if is_finished and target.read(MANIFEST_FILE, spec_limits().max_manifest_bytes) != content:
         raise UsageError(f"{target} holds another dataset; name a prefix without objects")
     if not is_finished:
-        _claim(target, content)
+        claim_prefix(target, claim_for(content))
     waiting = _waiting(dataset, target, manifest)
     if is_finished and waiting:
         raise DatasetError(f"{target}: {waiting[0]!r} is not there although {MANIFEST_FILE} is; remove that one first")
     done = len(manifest.files) - len(waiting)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         progress(done, len(manifest.files))
-        sent = [pool.submit(_send, dataset, target, path, manifest.files[path]) for path in waiting]
+        sent = [pool.submit(send_file, dataset, target, path, manifest.files[path]) for path in waiting]
         try:
             for number, one in enumerate(as_completed(sent), start=done + 1):
                 one.result()
@@ -93,9 +93,18 @@ def upload_dataset(
     return UploadReport(len(manifest.files) + 1, len(waiting) + (not is_finished), manifest.identity)
 
 
-def _claim(target: Bucket, manifest: bytes) -> None:
-    """Let the prefix be for one manifest alone."""
-    claim = json.dumps({"manifest_sha256": hashlib.sha256(manifest).hexdigest()}).encode() + b"\n"
+def claim_for(manifest: bytes) -> bytes:
+    """Content of the claim of a prefix for one manifest."""
+    return json.dumps({"manifest_sha256": hashlib.sha256(manifest).hexdigest()}).encode() + b"\n"
+
+
+def claim_prefix(target: Bucket, claim: bytes) -> None:
+    """Let a prefix be for one dataset alone, as a claim says it; nothing happens where that claim is there.
+
+    Raises:
+        UsageError: The prefix holds something else, or is claimed for another dataset.
+        PlatformError: The store refuses or fails.
+    """
     others = sorted(path for path in target.versions if path != CLAIM_FILE)
     if others and CLAIM_FILE not in target.versions:
         raise UsageError(f"{target} holds other objects, such as {others[0]!r}; name a prefix without objects")
@@ -125,8 +134,13 @@ def _waiting(dataset: Store, target: Bucket, manifest: Manifest) -> list[str]:
     return waiting
 
 
-def _send(dataset: Store, target: Bucket, path: str, digest: str) -> None:
-    """Upload one file, whose bytes are those of its digest."""
+def send_file(dataset: Store, target: Bucket, path: str, digest: str) -> None:
+    """Upload one file, whose bytes are those of its digest, below a prefix that is claimed.
+
+    Raises:
+        DatasetError: They are not.
+        PlatformError: The store refuses or fails.
+    """
     found = dataset.status(path)
     if found is not None and found.size > WHOLE_BYTES:
         pieces = _Pieces(dataset, path)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from branchdrive.card.front_matter import SPLITS
 from branchdrive.contract.layer import table_file, table_pattern
 from branchdrive.contract.layout import RAW_DIR
+from branchdrive.formats.folder import Folder
 from branchdrive.formats.store import Entry
 from branchdrive.inspection.overview import Overview
 from branchdrive.inspection.table_files import TableFiles
@@ -34,7 +35,8 @@ class Lines(NamedTuple):
 def loading(overview: Overview, table: str | None = None) -> Iterator[Lines]:
     """How each library loads a table, by default the one that most readers begin with; nothing that has no file.
 
-    Of a table with partitions it is the first one.
+    Of a table with partitions it is the first one. What other libraries take of buckets and archives is theirs to say:
+    there, these are the lines of this one.
 
     Args:
         overview: The dataset.
@@ -44,19 +46,32 @@ def loading(overview: Overview, table: str | None = None) -> Iterator[Lines]:
     name = table or next((name for name in _FIRST if name in found), None)
     if name is None or name not in found:
         return
-    root, files, partition = overview.dataset.root, found[name].files, _first_partition(found[name])
+    files, partition = found[name].files, _first_partition(found[name])
+    is_model = "model" in overview.descriptor.layers and found[name].layer == "model"
+    if not isinstance(overview.dataset, Folder):
+        if found[name].layer == RAW_DIR:
+            call = f"open_dataset({str(overview.dataset)!a}).table({name!r}).read()"
+            yield Lines("branchdrive", ("from branchdrive import open_dataset", f"rows = {call}"))
+        elif is_model:
+            yield _torch(overview, partition)
+        return
+    root = overview.dataset.root
     yield from loading_files(_pattern(root, found[name], partition))
-    if "model" in overview.descriptor.layers and found[name].layer == "model":
+    if is_model:
         split = SPLITS.get(partition, partition) if partition else "bank"
         call = f"load_dataset({str(root)!a}, {name!r}, split={split!r})"
         yield Lines("datasets", ("from datasets import load_dataset", f"{name} = {call}"))
-        learning = "from branchdrive_reference.learning.groups import BranchGroupDataset"
-        call = f"BranchGroupDataset({str(root)!a}, {partition or 'train'!r}, 'sensor')"
-        yield Lines("torch", (learning, f"groups = {call}"))
+        yield _torch(overview, partition)
     elif files:
         pattern = _pattern(root, found[name], partition)
         call = f"load_dataset('parquet', data_files={pattern!a}, split='train')"
         yield Lines("datasets", ("from datasets import load_dataset", f"rows = {call}"))
+
+
+def _torch(overview: Overview, partition: str | None) -> Lines:
+    learning = "from branchdrive_reference.learning.groups import BranchGroupDataset"
+    call = f"BranchGroupDataset({str(overview.dataset)!a}, {partition or 'train'!r}, 'sensor')"
+    return Lines("torch", (learning, f"groups = {call}"))
 
 
 def loading_files(pattern: str) -> Iterator[Lines]:

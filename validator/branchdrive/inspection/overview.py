@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import MANIFEST_FILE, STAGING_DIR
 from branchdrive.errors import DatasetError
-from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import Manifest, read_manifest
-from branchdrive.formats.store import Entry
+from branchdrive.formats.store import Entry, Store
 from branchdrive.inspection.table_files import MOST_SHARDS, TableFiles, files_of_tables, media_files
 from branchdrive.quality.partition import PARTITIONS
 from branchdrive.raw.contexts import Context, contexts_of_quality, contexts_of_shard
@@ -35,7 +34,7 @@ class Overview:
         faults: What could not be read, a line each.
     """
 
-    dataset: Folder
+    dataset: Store
     descriptor: Descriptor
     manifest: Manifest | None
     is_staged: bool
@@ -72,7 +71,7 @@ class Overview:
         return {name: found[name] for name in PARTITIONS if found[name]}
 
 
-def look_over(dataset: Folder, descriptor: Descriptor) -> Overview:
+def look_over(dataset: Store, descriptor: Descriptor) -> Overview:
     """Look a dataset over; what cannot be read is told and costs nothing else."""
     faults: list[str] = []
     manifest = None

@@ -25,6 +25,8 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import listed, quote
 from branchdrive.errors import DatasetError, DecodeError, UsageError
 from branchdrive.formats.folder import Folder
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.formats.untrusted_parquet import decode_table
 
 if TYPE_CHECKING:
@@ -67,19 +69,29 @@ class StoredFile:
     rows: pa.Table | None = None
 
 
-def dataset_at(path: Path, *, follow_links: bool = False, allow: Sequence[Path] = ()) -> Folder:
-    """The dataset whose folder `path` is.
+def dataset_at(place: Place, *, follow_links: bool = False, allow: Sequence[Path] = ()) -> Store:
+    """The dataset at a place.
 
     Args:
-        path: A folder.
+        place: A folder, or where else a dataset may be, see `open_store`.
         follow_links: Whether links are followed: those that stay in the dataset, and those into `allow`.
         allow: Folders that links may lead into.
 
     Raises:
         UsageError: It is none; the message says what it is instead, and what to inspect.
+        DatasetError: An archive cannot be read.
+        PlatformError: A store cannot be reached or refuses.
     """
+    store = open_store(place, follow_links=follow_links, allow=allow)
+    if not isinstance(store, Folder):
+        if store.status(DESCRIPTOR_FILE) is None:
+            raise UsageError(
+                f"{store} is no dataset: there is no {DESCRIPTOR_FILE!r}; files alone are inspected in a folder"
+            )
+        return store
+    path = store.root
     if (path / DESCRIPTOR_FILE).is_file():
-        return Folder.at(path, follow_links=follow_links, allow=allow)
+        return store
     root = _root_above(path)
     if root is not None:
         raise UsageError(f"{str(path)!r} is a folder of the dataset {str(root)!r}; run `branchdrive inspect {root}`")
@@ -113,7 +125,7 @@ def stored_file(path: Path) -> StoredFile:
     return StoredFile(path, root, what, num_bytes, declared, table_at(folder, inside))
 
 
-def table_at(folder: Folder, path: str) -> pa.Table:
+def table_at(folder: Store, path: str) -> pa.Table:
     """The table in a file, as it is stored.
 
     Raises:

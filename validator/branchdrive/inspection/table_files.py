@@ -10,8 +10,7 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layer import LAYERS, paths_by_table
 from branchdrive.contract.layout import RAW_DIR, shard_name
 from branchdrive.errors import DatasetError, DecodeError
-from branchdrive.formats.folder import Folder
-from branchdrive.formats.store import Entry
+from branchdrive.formats.store import Entry, Store
 from branchdrive.formats.untrusted_parquet import promised_rows
 from branchdrive.raw.shard import find_shards
 
@@ -50,7 +49,7 @@ class TableFiles:
         return sum(entry.size for entry in self.files)
 
 
-def files_of_tables(dataset: Folder, descriptor: Descriptor) -> Iterator[TableFiles]:
+def files_of_tables(dataset: Store, descriptor: Descriptor) -> Iterator[TableFiles]:
     """Files of every table that a dataset claims, raw tables first; one that lacks its files has none.
 
     An optional table that is not there is not among them.
@@ -68,7 +67,7 @@ def files_of_tables(dataset: Folder, descriptor: Descriptor) -> Iterator[TableFi
                 yield _with_rows(dataset, name, layer, [entries[path] for path in paths.get(name, ())])
 
 
-def media_files(dataset: Folder, descriptor: Descriptor) -> list[Entry]:
+def media_files(dataset: Store, descriptor: Descriptor) -> list[Entry]:
     """Files in raw shards that are no tables: archives of images, or folders of them."""
     if not descriptor.has_raw:
         return []
@@ -77,7 +76,7 @@ def media_files(dataset: Folder, descriptor: Descriptor) -> list[Entry]:
     return [entry for folder in shards for name, entry in folder.items() if name not in names]
 
 
-def _folder(dataset: Folder, path: str) -> dict[str, Entry]:
+def _folder(dataset: Store, path: str) -> dict[str, Entry]:
     """What a folder holds, by name; nothing where it cannot be listed."""
     try:
         return {entry.path.rsplit("/", 1)[-1]: entry for entry in dataset.entries(path)[1]}
@@ -85,7 +84,7 @@ def _folder(dataset: Folder, path: str) -> dict[str, Entry]:
         return {}
 
 
-def _with_rows(dataset: Folder, name: str, layer: str, files: list[Entry]) -> TableFiles:
+def _with_rows(dataset: Store, name: str, layer: str, files: list[Entry]) -> TableFiles:
     declared, fault, num_rows = declared_table(name), "" if files else "has no file", 0
     for entry in files[:_MOST_FOOTERS]:
         try:

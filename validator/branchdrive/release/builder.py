@@ -34,8 +34,10 @@ from branchdrive.engine.spool import Spool
 from branchdrive.errors import UsageError
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.durable import delete, make_dir
-from branchdrive.formats.folder import Folder
+from branchdrive.formats.folder import Folder, folder_of
 from branchdrive.formats.manifest import Manifest
+from branchdrive.formats.place import Place, open_store
+from branchdrive.formats.store import Store
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.quality.ledger import merged
 from branchdrive.release.built_layers import LEDGERS, BuiltLayers, StoredFile, TableStore, load_layers, load_ledger
@@ -78,7 +80,7 @@ class BuildReport:
 
 
 def build_release(
-    root: Path | str,
+    root: Place,
     *,
     output: Path | str | None = None,
     stages: Sequence[str] = STAGES,
@@ -91,7 +93,7 @@ def build_release(
     """Add derived layers to the dataset at `root`, or make a detached release of them in `output`.
 
     Args:
-        root: Dataset with a finished raw layer.
+        root: Dataset with a finished raw layer; a detached release may be built from any place, see `open_store`.
         output: Folder of the detached release; None adds the layers in place.
         stages: Stages to carry out, of `STAGES`.
         options: What the builder decides.
@@ -103,11 +105,13 @@ def build_release(
 
     Raises:
         UsageError: A stage is unknown or lacks the one before it, the folders do not go together, or a collection
-            or another build is running in the folder.
+            or another build is running in the folder; or layers are to be added where there is no folder.
         DatasetError: The raw layer is damaged, breaks the format, has too few groups or was changed meanwhile, or
             the bank has an encoding of its own.
+        PlatformError: A store cannot be reached or refuses.
     """
-    source, target = Folder.at(root), Folder.at(output if output is not None else root)
+    source = open_store(root)
+    target = folder_of(source, "a build without `output`") if output is None else Folder.at(output)
     _check(source, target, stages, drop_leakage)
     report = progress or (lambda *_: None)
 
@@ -146,24 +150,24 @@ def _table_store(area: Path, scan: RawScan) -> TableStore:
     return TableStore(Folder(folder), scan.descriptor.action_bank.keys)
 
 
-def _is_one(one: Folder, other: Folder) -> bool:
-    return one.root.resolve() == other.root.resolve()
+def _is_one(source: Store, target: Folder) -> bool:
+    return isinstance(source, Folder) and source.root.resolve() == target.root.resolve()
 
 
-def _check(source: Folder, target: Folder, stages: Sequence[str], drop_leakage: bool) -> None:
+def _check(source: Store, target: Folder, stages: Sequence[str], drop_leakage: bool) -> None:
     unknown = sorted(set(stages) - set(STAGES))
     if unknown or not stages:
         raise UsageError(f"stages are {', '.join(STAGES)}; found {', '.join(unknown) or 'none'}")
     if drop_leakage and "leakage" in stages:
         raise UsageError("the leakage audit is either carried out or left out; drop one of the two")
     if not _is_one(source, target):
-        for one, other in ((source, target), (target, source)):
+        for one, other in ((source, target), (target, source)) if isinstance(source, Folder) else ():
             if one.root.resolve().is_relative_to(other.root.resolve()):
                 raise UsageError(f"{one} lies inside {other}; a detached release has a folder of its own")
         _check_own_folder(source, target)
 
 
-def _check_own_folder(source: Folder, target: Folder) -> None:
+def _check_own_folder(source: Store, target: Folder) -> None:
     """A detached release has a new folder, an empty one, or its own."""
     if not target.root.exists():
         return
@@ -224,7 +228,7 @@ class _Job:
 
     @property
     def is_in_place(self) -> bool:
-        return _is_one(self.target, self.scan.dataset)
+        return _is_one(self.scan.dataset, self.target)
 
     def carry_out(self, stage: str) -> None:
         """Build a stage, beside its place: what is there stays as it is until all of it is built."""

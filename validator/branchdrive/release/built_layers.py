@@ -24,6 +24,7 @@ from branchdrive.formats.file_error import machine_faults
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import read_manifest
 from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import layer_table_paths, partitions_of, read_table
 from branchdrive.quality.ledger import Ledger, order_mismatches
 from branchdrive.tables.arrow import from_arrow, to_arrow
@@ -271,13 +272,13 @@ def _load_document(found: BuiltLayers, dataset: Folder, path: str, schema: str) 
     found.contents[path], found.documents[path] = _document(dataset, path, schema)
 
 
-def load_ledger(dataset: Folder, path: str) -> Ledger | None:
+def load_ledger(dataset: Store, path: str) -> Ledger | None:
     """One of `LEDGERS` of a dataset; None if there is none.
 
     Raises:
         DatasetError: It cannot be read, or its entries are out of order.
     """
-    if not (dataset.root / path).exists():
+    if dataset.status(path) is None:
         return None
     ledger: Ledger = _document(dataset, path, _schema_of(path))[1]
     for found in order_mismatches(ledger):
@@ -288,7 +289,7 @@ def load_ledger(dataset: Folder, path: str) -> Ledger | None:
     return ledger
 
 
-def _document(dataset: Folder, path: str, schema: str) -> tuple[bytes, Any]:
+def _document(dataset: Store, path: str, schema: str) -> tuple[bytes, Any]:
     """Bytes and content of a document that conforms to its schema.
 
     Raises:

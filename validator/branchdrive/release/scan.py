@@ -21,8 +21,8 @@ from branchdrive.engine.spool import Spool, SpooledFrames
 from branchdrive.engine.validate import judge_files
 from branchdrive.errors import DatasetError
 from branchdrive.files.survey import NOT_READ, Survey, take_survey
-from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import read_manifest
+from branchdrive.formats.store import Store
 from branchdrive.raw.content import raw_content
 from branchdrive.runtime.executor import Executor
 
@@ -76,7 +76,7 @@ class RawScan:
         num_groups: Its groups.
     """
 
-    dataset: Folder
+    dataset: Store
     descriptor: Descriptor
     digest: str
     files: dict[str, str]
@@ -91,7 +91,7 @@ class RawScan:
         return SpooledFrames(self.spool, shards, self.parts[0].names)
 
 
-def scan_raw(dataset: Folder, spool: Spool, executor: Executor, progress: Progress | None = None) -> RawScan:
+def scan_raw(dataset: Store, spool: Spool, executor: Executor, progress: Progress | None = None) -> RawScan:
     """Read, verify and judge the raw layer of a dataset.
 
     Args:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from branchdrive.cli.output import check_output
+from branchdrive.cli.place import local
 from branchdrive.contract.layout import BENCHMARK
 from branchdrive.contract.text import printable
 from branchdrive.errors import UsageError
@@ -42,7 +43,7 @@ def _name(text: str) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    add_release(parser)
+    add_release(parser, is_read_only=True)
     parser.add_argument(
         "--predictions", metavar="FILE", type=Path, help="evaluate these predictions (Parquet) beside those published"
     )
@@ -82,16 +83,17 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if args.predictions is None:
         from branchdrive_reference.benchmark.evaluation import evaluate_published
 
-        with at_work(args.release, args.protocol) as (workspace, protocol), bars(stderr)("evaluating") as show:
+        release = local(args.release, "`evaluate` without `--predictions`")
+        with at_work(release, args.protocol) as (workspace, protocol), bars(stderr)("evaluating") as show:
             found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
+        folder = release / BENCHMARK
     else:
         check_output(args.output, outside=args.release, is_folder=True)
         if args.output is not None and args.output.is_dir() and any(args.output.iterdir()):
             raise UsageError(f"--output: {str(args.output)!r} holds files; name a new folder, or an empty one")
-        found = _foreign(args)
+        found, folder = _foreign(args), args.output
         if args.output is not None:
             stderr.write(f"results, tables and figures are in {printable(str(args.output))}\n")
-    folder = args.release / BENCHMARK if args.predictions is None else args.output
     stdout.write(format_evaluation(found, args.format, stdout, folder))
     return 0
 

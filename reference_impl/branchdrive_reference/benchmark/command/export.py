@@ -19,7 +19,7 @@ ORDER = 180
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    add_release(parser)
+    add_release(parser, is_read_only=True)
     parser.add_argument("--output", metavar="FILE", type=Path, required=True, help="the ONNX file, as selector.onnx")
     parser.add_argument("--model", metavar="MODEL", default="M3", help="model to export, all its seeds (default: M3)")
 

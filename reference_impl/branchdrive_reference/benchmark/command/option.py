@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from branchdrive.cli.place import folder
+from branchdrive.cli.place import folder, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
 from branchdrive.runtime.environment import extra
@@ -27,9 +27,11 @@ __all__ = [
 _DEVICES = ("cpu", "cuda", "auto")
 
 
-def add_release(parser: argparse.ArgumentParser) -> None:
-    """The release, in place or detached."""
-    parser.add_argument("release", metavar="RELEASE", type=folder, help="release with its model layer")
+def add_release(parser: argparse.ArgumentParser, *, is_read_only: bool = False) -> None:
+    """The release, in place or detached; a command that publishes nothing in it takes it from any place."""
+    parser.add_argument(
+        "release", metavar="RELEASE", type=place if is_read_only else folder, help="release with its model layer"
+    )
 
 
 def add_protocol(parser: argparse.ArgumentParser) -> None:

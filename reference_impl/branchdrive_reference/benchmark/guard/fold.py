@@ -70,7 +70,7 @@ def fold_tasks(release: Release, protocol: BenchmarkProtocol) -> list[Task]:
     clusters = [str(release.clusters[group]) for group in groups]
     if len(set(clusters)) < NUM_FOLDS:
         raise UsageError(
-            f"{release.root}: {len(set(clusters))} route clusters in training are too few for the "
+            f"{release}: {len(set(clusters))} route clusters in training are too few for the "
             f"{NUM_FOLDS} folds of the guard; use `--no-guard`, or a release with more"
         )
     number = cluster_folds(clusters, seed=FOLD_SEED)
@@ -111,9 +111,9 @@ def fit_guard(workspace: Workspace, protocol: BenchmarkProtocol, data: Benchmark
                     alpha=guard.alpha,
                 )
     except UsageError as error:
-        raise UsageError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
+        raise UsageError(f"{release}: {error}; use `--no-guard` to go without a guard") from error
     except ProgramError as error:
-        raise ProgramError(f"{release.root}: {error}; use `--no-guard` to go without a guard") from error
+        raise ProgramError(f"{release}: {error}; use `--no-guard` to go without a guard") from error
     keep_risks(workspace, protocol, found)
     return found
 

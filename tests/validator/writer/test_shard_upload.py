@@ -1,0 +1,104 @@
+"""Finished shards go into a bucket while a collection goes on, and the manifest last, once, by one writer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from tests.bucket_server import BucketServer, serving, use
+from tests.places import files_of
+from tests.validator.writer.invented import make_descriptor, write_dataset, write_group
+
+from branchdrive.contract.layout import MANIFEST_FILE
+from branchdrive.errors import UsageError
+from branchdrive.formats.bucket import Bucket
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.upload import CLAIM_FILE, claim_for
+from branchdrive.writer.shard_upload import ShardUpload
+from branchdrive.writer.writer import DatasetWriter
+
+URL = "s3://bucket/drives"
+FIRST = "drives/raw/shard-00000/"
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[BucketServer]:
+    with serving() as running:
+        use(running, monkeypatch)
+        yield running
+
+
+def collect(root: Path, places: range, upload: ShardUpload) -> DatasetWriter:
+    """Collect groups of two a shard, and upload after each; the writer, open."""
+    writer = DatasetWriter(root, make_descriptor(), groups_per_shard=2)
+    upload.send_shards()
+    for place in places:
+        with writer.begin_group(f"g{place}", index=place) as group:
+            write_group(group)
+        writer.commit()
+        upload.send_shards()
+    return writer
+
+
+def test_a_run_that_was_cut_off_goes_on(server: BucketServer, tmp_path: Path) -> None:
+    root, whole = tmp_path / "d", tmp_path / "whole"
+    write_dataset(whole, 5)
+    collect(root, range(3), ShardUpload.at(Folder(root), URL)).close()
+    assert {key for key in server.objects if "raw" in key} == {
+        f"{FIRST}{path.name}" for path in (whole / "raw/shard-00000").iterdir()
+    }
+    assert f"drives/{MANIFEST_FILE}" not in server.objects
+    upload = ShardUpload.at(Folder(root), URL)
+    with collect(root, range(3, 5), upload) as writer:
+        identity = writer.finalize()
+    report = upload.finish()
+    assert report.identity == identity
+    assert {key.removeprefix("drives/"): content for key, content in server.objects.items()} == files_of(whole)
+    claims = {f"drives/{CLAIM_FILE}"}
+    assert {key for key, count in server.written.items() if count > 1} == claims, "nothing is sent twice"
+    assert [key for method, key in server.requests if method == "PUT"][-1] == f"drives/{MANIFEST_FILE}"
+    again = ShardUpload.at(Folder(root), URL)
+    again.send_shards()
+    assert again.finish().num_sent == 0
+
+
+def test_another_writer_is_told(server: BucketServer, tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        with DatasetWriter(tmp_path / name, make_descriptor(), groups_per_shard=2) as writer:
+            writer.commit()
+    uploads = [ShardUpload.at(Folder(tmp_path / name), URL) for name in ("one", "two")]
+
+    def begin(upload: ShardUpload) -> str:
+        try:
+            upload.send_shards()
+        except UsageError as error:
+            return str(error)
+        return ""
+
+    with ThreadPoolExecutor(2) as pool:
+        said = sorted(pool.map(begin, uploads))
+    assert said[0] == ""
+    assert "another dataset is being uploaded there" in said[1]
+
+
+def test_a_claim_that_was_changed_is_not_replaced(server: BucketServer, tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    upload = ShardUpload.at(Folder(root), URL)
+    with collect(root, range(2), upload) as writer:
+        writer.finalize()
+    listed = Bucket.for_writing(URL)
+    server.objects[f"drives/{CLAIM_FILE}"] = b"of another"
+    assert not listed.put_over(CLAIM_FILE, claim_for(b""), listed.versions[CLAIM_FILE])
+    with pytest.raises(UsageError, match="another dataset is being uploaded there"):
+        upload.finish()
+    assert f"drives/{MANIFEST_FILE}" not in server.objects
+
+
+def test_where_a_dataset_is_nothing_is_collected(server: BucketServer, tmp_path: Path) -> None:
+    server.objects[f"drives/{MANIFEST_FILE}"] = b""
+    with pytest.raises(UsageError, match="holds a finished dataset; name a prefix without objects"):
+        ShardUpload.at(Folder(tmp_path / "d"), URL)
+    with pytest.raises(UsageError, match="takes no files"):
+        ShardUpload.at(Folder(tmp_path / "d"), "https://localhost/d")
