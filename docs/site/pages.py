@@ -76,10 +76,14 @@ def schemas_page() -> str:
     ]
     for path in sorted((ROOT / SCHEMAS).rglob("*.json")):
         name, schema = path.relative_to(ROOT / SCHEMAS).as_posix(), path.with_suffix(".schema.json")
-        document = json.loads((schema if schema.exists() else path).read_text("utf-8"))
-        title = ": ".join(filter(None, (document.get(key, "") for key in ("title", "description"))))
-        title = title.replace("|", "\\|").replace("<", "&lt;") or "test vectors for implementations"
-        lines.append(f"| [{name}]({name}) | {title} |")
+        if path.name.endswith(".schema.json"):
+            document = json.loads(path.read_text("utf-8"))
+            words = f"{document['title']}: {document['description']}".replace("|", "\\|").replace("<", "&lt;")
+        elif schema.exists():
+            words = f"in the form of [{schema.name}]({schema.name})"
+        else:
+            words = "test vectors" if "/" in name else "a benchmark protocol"
+        lines.append(f"| [{name}]({name}) | {words} |")
     return "\n".join([*lines, ""])
 
 
