@@ -11,7 +11,7 @@ FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
 # What pip is doing, a line for each package; its errors go to the terminal by themselves.
 PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
 
-.PHONY: setup help demo example-highway test thorough check cases conformance compat compat-quick fuzz kills ray bench bench-growth bench-paper bench-release
+.PHONY: setup help demo docs example-highway test thorough check cases conformance compat compat-quick fuzz kills ray bench bench-growth bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, media, plots, report, models, guard, export, conformance and dev
 setup: .venv/.installed
@@ -57,6 +57,12 @@ example-highway: setup
 	@rm -rf build/highway-filmed
 	$(BIN)/python -m examples.highway_env.filmed build/highway-filmed --groups 2 --jobs $(JOBS)
 	$(BIN)/branchdrive-validate build/highway-filmed --jobs $(JOBS)
+
+## build the site of docs, spec, rules and API into build/site; a link that leads nowhere is an error
+docs: setup
+	@$(BIN)/python -c 'import zensical, mkdocstrings_handlers.python' 2>/dev/null || \
+		$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	$(BIN)/python -m docs.site
 
 ## the tests, of alike cases a sample
 test: setup

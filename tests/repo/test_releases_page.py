@@ -34,7 +34,7 @@ def test_commands_parse() -> None:
         parser_of(build).parse_args(words)
     for words in validations:
         parser_of(validate).parse_args(words)
-    assert (len(builds), len(validations)) == (5, 3)
+    assert (len(builds), len(validations)) == (6, 3)
 
 
 def test_every_option_of_the_builder_is_explained() -> None:

@@ -12,7 +12,7 @@ from branchdrive.statistics.split import SHARES
 __all__ = ["CLUSTERS_TO_CONCLUDE", "CollectionReport", "GroupReport", "routes_text"]
 
 MIN_ROUTE_CLUSTERS = 5
-"""Clusters of routes, a group each, from which a split always gives every partition one (README, "Try it")."""
+"""Clusters of routes, a group each, from which a split always gives every partition one (docs/releases.md)."""
 
 CLUSTERS_TO_CONCLUDE = math.ceil(LEAST_UNITS * 3 * 100 / (2 * SHARES["test"]))
 """Clusters of routes, a group each, from which a benchmark can conclude something.
