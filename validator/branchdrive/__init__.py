@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from branchdrive.collector.program import collector_main
     from branchdrive.collector.report import CollectionReport, GroupReport
     from branchdrive.collector.route import route_columns, to_ego_frame
-    from branchdrive.collector.town import lane_element
+    from branchdrive.collector.town import crossing_element, lane_element, sign_element, stop_line_element
     from branchdrive.collector.trigger import Signal, Trigger, brake_trigger
     from branchdrive.collector.world import Actor, CameraWorld, Decision, Observation, Scene, World, WorldError
     from branchdrive.contract.bank import ActionBank, load_action_bank
@@ -125,6 +125,7 @@ __all__ = [
     "collect_dataset",
     "collect_group",
     "collector_main",
+    "crossing_element",
     "describe",
     "encode_bank",
     "encode_policy",
@@ -140,6 +141,8 @@ __all__ = [
     "ray_executor",
     "risk_evidence",
     "route_columns",
+    "sign_element",
+    "stop_line_element",
     "to_ego_frame",
     "touched",
     "validate",
@@ -204,6 +207,7 @@ _HOME = {
     "collect_dataset": "collector.collection",
     "collect_group": "collector.group",
     "collector_main": "collector.program",
+    "crossing_element": "collector.town",
     "describe": "collector.collection",
     "encode_bank": "contract.encoding",
     "encode_policy": "contract.encoding",
@@ -219,6 +223,8 @@ _HOME = {
     "ray_executor": "runtime.ray_executor",
     "risk_evidence": "driving.risk",
     "route_columns": "collector.route",
+    "sign_element": "collector.town",
+    "stop_line_element": "collector.town",
     "to_ego_frame": "collector.route",
     "touched": "collector.contact",
     "validate": "engine.validate",

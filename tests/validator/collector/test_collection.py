@@ -192,6 +192,26 @@ def test_a_nominal_that_breaks_a_rule_on_the_map_costs_no_replays(tmp_path: Path
     assert report.groups[0].num_simulated == 1
 
 
+def test_signals_lines_and_crossings_that_helpers_make_are_a_whole_map(tmp_path: Path) -> None:
+    roads = [
+        *(bd.lane_element(f"lane-{y}", [-100.0, 400.0], [y, y], 10.5, 13.5) for y in range(0, 4000, 100)),
+        bd.sign_element("signal", "light", 390.0, -7.0, lane_id="lane-0"),
+        bd.stop_line_element("line", [388.0, 388.0], [-5.0, 5.0], lane_id="lane-0", marking="solid"),
+        bd.crossing_element("zebra", [390.0, 394.0, 394.0, 390.0], [-6.0, -6.0, 6.0, 6.0]),
+    ]
+    streams = ("ego_route_state", "actor_risk_evidence", "controls", "route_result", "map")
+    root = tmp_path / "dataset"
+    report = bd.collect_dataset(
+        root, few_policies(streams=streams), {"Lit": LitRoad}, num_groups=1, maps={"StraightRoad": roads}
+    )
+    assert not report.groups[0].refused_because
+    judged = {tally.rule_id: tally.status for tally in bd.validate(root).tallies}
+    assert {judged[f"BD-MAP-{number:03}"] for number in (1, 2, 3)} == {"pass"}
+    assert judged["BD-MAP-009"] != "fail"
+    stored = bd.open_dataset(root).table("map").read()
+    assert sorted({*stored["kind"].to_pylist()}) == ["crossing", "lane", "signal", "stop_line"]
+
+
 def test_a_finished_dataset_stays_as_it_is(collected: tuple[Path, bd.CollectionReport]) -> None:
     root, report = collected
     worlds = {"Parked Car": ShortRoad, "Empty": EmptyRoad}

@@ -27,6 +27,33 @@ def test_the_recorded_frame_stays() -> None:
     assert (*Frame().vector(3.0, 4.0), Frame().yaw_rad(0.25), Frame().rate(7.0)) == (3.0, 4.0, 0.25, 7.0)
 
 
+COMPASS = Frame(is_degrees=True, is_compass=True)
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "way"),
+    [(0.0, (0.0, 1.0)), (90.0, (1.0, 0.0)), (180.0, (0.0, -1.0)), (270.0, (-1.0, 0.0)), (45.0, (0.5**0.5, 0.5**0.5))],
+)
+def test_a_compass_heading_points_where_its_vehicle_drives(heading_deg: float, way: tuple[float, float]) -> None:
+    """North is y, east is x: yaw is the angle of the way from x."""
+    yaw_rad = COMPASS.yaw_rad(heading_deg)
+    assert (np.cos(yaw_rad), np.sin(yaw_rad)) == pytest.approx(way, abs=1e-12)
+    assert COMPASS.vector(*way) == way
+
+
+@pytest.mark.parametrize("frame", [COMPASS, Frame(is_left_handed=True, is_degrees=True, is_compass=True)])
+def test_a_compass_turns_clockwise_whatever_the_hand_of_its_positions(frame: Frame) -> None:
+    turned = np.diff(frame.yaw_rad(np.array([10.0, 12.0])))
+    assert turned == pytest.approx([-np.radians(2.0)])
+    assert frame.rate(2.0) == pytest.approx(-np.radians(2.0))
+
+
+def test_positions_to_the_south_are_turned_and_their_headings_stay_those_of_the_compass() -> None:
+    screen = Frame(is_left_handed=True, is_degrees=True, is_compass=True)  # x to the east, y to the south
+    assert screen.vector(0.0, -1.0) == (0.0, 1.0)
+    assert screen.yaw_rad(0.0) == pytest.approx(np.pi / 2)
+
+
 def test_arrays_keep_their_shape() -> None:
     values = np.array([10.0, 350.0])
     assert CARLA.yaw_rad(values) == pytest.approx(np.radians([-10.0, 10.0]))

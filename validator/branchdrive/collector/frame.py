@@ -28,10 +28,14 @@ class Frame:
     Attributes:
         is_left_handed: Whether y points to the right and angles grow clockwise, seen from above, as in CARLA.
         is_degrees: Whether angles and rates are in degrees.
+        is_compass: Whether headings are clockwise from north, as in SUMO and from GPS, where positions have x to the
+            east and y to the north, or to the south in a left-handed frame. Where x points to the north and y to the
+            east, headings are clockwise from x: that is a left-handed frame and no compass.
     """
 
     is_left_handed: bool = False
     is_degrees: bool = False
+    is_compass: bool = False
 
     def vector(self, x: Real, y: Real) -> tuple[Real, Real]:
         """A position, route vertex or velocity."""
@@ -43,11 +47,12 @@ class Frame:
 
     def rate(self, value: Real) -> Real:
         """An angle that is not wrapped, or a yaw rate: radians, or radians per second, counter-clockwise."""
-        return self.lateral(value * (np.pi / 180) if self.is_degrees else value)
+        rad = value * (np.pi / 180) if self.is_degrees else value
+        return -rad if self.is_left_handed or self.is_compass else rad
 
     def yaw_rad(self, yaw: Real) -> Real:
         """A heading, wrapped to ``[-pi, pi]``."""
-        wrapped = wrap_rad(self.rate(yaw))
+        wrapped = wrap_rad(self.rate(yaw) + (np.pi / 2 if self.is_compass else 0.0))
         return wrapped if isinstance(yaw, np.ndarray) else float(wrapped)
 
 
