@@ -11,7 +11,7 @@ from tests.validator.engine.rules.case import SHARD_0, new_draft
 
 from branchdrive.contract.limits import Limits, spec_limits
 from branchdrive.engine.validate import validate
-from branchdrive.raw import town_map
+from branchdrive.raw import map_work
 
 FURTHER = ("BD-MAP-005", "BD-MAP-006", "BD-MAP-007", "BD-MAP-008")
 """Rules that look through a map."""
@@ -26,7 +26,7 @@ def endless(line: list[float]) -> list[float]:
 def few_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten pairs alone may be compared."""
     limits = Limits(**{**vars(spec_limits()), "max_map_pairs": 10})
-    monkeypatch.setattr(town_map, "spec_limits", lambda: limits)
+    monkeypatch.setattr(map_work, "spec_limits", lambda: limits)
 
 
 def found(tmp_path: Path, edit: Callable[[Any], object]) -> tuple[str, dict[str, str], list[tuple[Any, str]]]:

@@ -28,6 +28,7 @@ from branchdrive.formats.store import Store, size_of
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.raw.content import group_content
 from branchdrive.raw.funnel import Funnel
+from branchdrive.raw.map_work import map_excess
 from branchdrive.raw.media.image_eye import Look
 from branchdrive.raw.media.images import Images
 from branchdrive.raw.media.reading import read_media
@@ -44,7 +45,7 @@ from branchdrive.raw.semantic.frame import SemanticFrames
 from branchdrive.raw.semantic.ground import SemanticGround
 from branchdrive.raw.semantic.signs import SemanticSigns
 from branchdrive.raw.shard_view import ShardView
-from branchdrive.raw.town_map import map_digests, map_excess
+from branchdrive.raw.town_map import map_digests
 from branchdrive.tables.schema import metadata_mismatches, trace_mismatches, type_mismatches
 
 if TYPE_CHECKING:

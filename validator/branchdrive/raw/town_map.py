@@ -7,45 +7,28 @@ Source: spec/05-raw-streams.md#map.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds, spec_limits
-from branchdrive.contract.mismatch import Mask, PreconditionError
+from branchdrive.contract.mismatch import Mask
 from branchdrive.driving.box import Boxes
-from branchdrive.driving.surface import Areas, Strips, TooLargeError, Work
+from branchdrive.driving.surface import Areas, Strips
 from branchdrive.driving.wall import Walls
 from branchdrive.raw.copies import Copies
 from branchdrive.raw.known_map import once_per_map
+from branchdrive.raw.map_work import within_limits
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import table_digest
 from branchdrive.tables.view import TableView
 
 __all__ = [
-    "AREAS",
-    "EDGE_SLACK_M",
-    "POINTS",
-    "Ground",
-    "Shapes",
-    "demand_strips",
-    "ground",
-    "held_by_strips",
-    "home_towns",
-    "is_surveyed",
-    "is_usable",
-    "is_whole",
-    "lanes_along",
-    "lanes_under",
-    "least_vertices",
-    "map_digests",
-    "map_excess",
-    "shapes",
+    "AREAS", "EDGE_SLACK_M", "POINTS", "Ground", "Shapes", "demand_strips", "ground", "held_by_strips", "home_towns",
+    "is_surveyed", "is_usable", "is_whole", "lanes_along", "lanes_under", "least_vertices", "map_digests", "shapes",
     "walls_inside",
-]
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -164,34 +147,6 @@ class Ground:
     meets_limit: Mask
 
 
-class _Comparisons(Work):
-    """Pairs that a shard may still compare with its maps, and how that exceeds the limits, if it does."""
-
-    def __init__(self) -> None:
-        super().__init__(spec_limits().max_map_pairs)
-        self.excess: str | None = None
-
-
-def _comparisons(_: ShardView) -> _Comparisons:
-    return _Comparisons()
-
-
-@contextmanager
-def _within_limits(view: ShardView) -> Iterator[Work]:
-    """The work that is left for a shard's maps, and an end of the rule where a map exceeds the limits."""
-    work = view.cached(_comparisons)
-    try:
-        yield work
-    except TooLargeError as error:
-        work.excess = str(error)
-        raise PreconditionError(f"the map {error}; keep what lies near the rollouts") from None
-
-
-def map_excess(view: ShardView) -> str | None:
-    """How the maps of a shard exceed the limits, as far as they were looked through; ``None`` where they do not."""
-    return view.cached(_comparisons).excess
-
-
 def ground(view: ShardView) -> Ground:
     """What lies under the ego in every observation.
 
@@ -214,7 +169,7 @@ def ground(view: ShardView) -> Ground:
     _look(view, rest, found)
     beside = rest[~found.is_on_road[rest]]
     towns = _town_of(view, beside)
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         for point, excess_m in _outlined(view).near(towns, x[beside], y[beside], work, slack_m=EDGE_SLACK_M):
             found.is_on_road[beside[point[excess_m <= -EDGE_SLACK_M]]] = True
             found.may_be_on_road[beside[point[excess_m <= EDGE_SLACK_M]]] = True
@@ -232,7 +187,7 @@ def _look(view: ShardView, rows: Index, found: Ground, wanted: Index | None = No
     lane_limit = np.where(elements.valid("speed_limit_mps"), elements["speed_limit_mps"], np.nan)[strips]
     labels = None if wanted is None else (lane, wanted[rows])
     x, y = observations["x_m"][rows], observations["y_m"][rows]
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         for point, strip, excess_m, is_end in filed.near(_town_of(view, rows), x, y, work, labels):
             at = rows[point]
             may, certain = excess_m <= EDGE_SLACK_M, (excess_m <= -EDGE_SLACK_M) & ~is_end
@@ -271,7 +226,7 @@ def _file(view: ShardView) -> tuple[Index, Strips]:
     chosen = is_usable(view) & _is_one_of(elements, STRIPS) & (homes >= 0)
     strips = np.flatnonzero(chosen)
     x, y, width = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m", "width_m"))
-    with _within_limits(view):
+    with within_limits(view):
         filed = Strips(
             homes[strips], view.cached(shapes).counts[strips, 0], x, y, width, slack_m=EDGE_SLACK_M,
             most_squares=spec_limits().max_map_squares,
@@ -334,7 +289,7 @@ def walls_inside(view: ShardView) -> Index:
     length, width = (np.maximum(view.rollouts[f"ego_{name}_m"][owner] - margin_m, 0.0) for name in ("length", "width"))
     boxes, towns = Boxes(x[rows], y[rows], yaw[rows], length, width), _town_of(view, rows)
     vertices = (_of(chosen, *elements.items(name)) for name in ("x_m", "y_m"))
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         reach_m = float(np.hypot(length, width).max(initial=0)) / 2
         lengths, most = view.cached(shapes).counts[walls, 0], spec_limits().max_map_squares
         filed = Walls(homes[walls], lengths, *vertices, reach_m=reach_m, most_squares=most)
@@ -368,7 +323,7 @@ def held_by_strips(view: ShardView, towns: Index, x_m: Array, y_m: Array, *, dep
     """
     held = np.zeros(len(towns), bool)
     _, strips = view.cached(_filed)
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         for point, _, excess_m, is_end in strips.near(towns, x_m, y_m, work):
             held[point[(excess_m <= -depth_m) & ~is_end]] = True
     return held
@@ -388,7 +343,7 @@ def lanes_along(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> tuple[
     """
     strips, filed = view.cached(_filed)
     pairs = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((3, 0)))]
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         for point, strip, excess_m, is_end, heading_rad in filed.along(towns, x_m, y_m, work):
             kept = (excess_m <= EDGE_SLACK_M) & view.map.equals("kind", "lane")[strips[strip]]
             pairs.append((point[kept], strips[strip[kept]], np.stack([excess_m, is_end, heading_rad])[:, kept]))
@@ -407,7 +362,7 @@ def lanes_along(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> tuple[
 def _is_on_ground(view: ShardView, towns: Index, x_m: Array, y_m: Array) -> Mask:
     """Points that a drivable surface holds, for certain."""
     held = held_by_strips(view, towns, x_m, y_m, depth_m=EDGE_SLACK_M)
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         for point, excess_m in _outlined(view).near(towns, x_m, y_m, work, slack_m=0.0):
             held[point[excess_m <= -EDGE_SLACK_M]] = True
     return held
@@ -418,7 +373,7 @@ def lanes_under(view: ShardView, row: int) -> list[int]:
     elements, observations = view.map, view.observations
     strips, filed = view.cached(_filed)
     place = _town_of(view, np.array([row])), observations["x_m"][[row]], observations["y_m"][[row]]
-    with _within_limits(view) as work:
+    with within_limits(view) as work:
         found = [strips[strip[excess_m <= EDGE_SLACK_M]] for _, strip, excess_m, _ in filed.near(*place, work)]
     under = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     return [int(element) for element in under[elements.equals("kind", "lane")[under]]]
