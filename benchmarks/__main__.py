@@ -56,7 +56,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         }
     if args.growth:
         collect(folder / "source", num_groups=GROWN_GROUPS, seed=1)
-        return {"growth": growth.rows(folder, sizes=growth.LARGE_SIZES)}
+        return {"growth": growth.rows(folder, sizes=growth.LARGE_SIZES, stages=growth.ALL_STAGES)}
     made = folder / "release"
     return {
         "simulator and expert": simulator.rows(),

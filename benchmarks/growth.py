@@ -33,11 +33,15 @@ from branchdrive.release.builder import build_release
 from branchdrive.release.stage import BuildOptions
 from branchdrive.runtime.executor import in_process, isolated
 
-__all__ = ["LARGE_SIZES", "SIZES", "StageCost", "main", "measure", "rows"]
+__all__ = ["ALL_STAGES", "LARGE_SIZES", "SIZES", "STAGES", "StageCost", "main", "measure", "rows"]
 
 SIZES = (1_000, 4_000)
 LARGE_SIZES = (1_000, 4_000, 16_000)
 """Groups at which stages are measured."""
+
+STAGES = ("validate", "build")
+ALL_STAGES = (*STAGES, "audit")
+"""What is measured."""
 
 _MANIFEST_GROUPS = 1_000_000
 _SHARD = "shard"
@@ -100,12 +104,13 @@ def measure(stage: str, shard: AuditedShard, folder: Path, num_groups: int, jobs
     return StageCost(size, cost.cpu_s, peak_bytes(os.getpid()) - before)
 
 
-def rows(folder: Path, *, sizes: Sequence[int] = SIZES, jobs: int = 2) -> Iterator[Row]:
-    """Growth of every stage below `folder`.
+def rows(folder: Path, *, sizes: Sequence[int] = SIZES, stages: Sequence[str] = STAGES, jobs: int = 2) -> Iterator[Row]:
+    """Growth of stages below `folder`.
 
     Args:
         folder: Holds a dataset `source`, which is collected already.
         sizes: Groups, at least two sizes in ascending order.
+        stages: What is measured: by default all but the audit, which takes minutes.
         jobs: Worker processes.
 
     Raises:
@@ -114,14 +119,14 @@ def rows(folder: Path, *, sizes: Sequence[int] = SIZES, jobs: int = 2) -> Iterat
     shards = folder / "audited"
     shards.mkdir()
     Spool(shards).put(_SHARD, audited_shard(folder / "source", in_process))
-    for stage, title in _TITLES.items():
+    for stage in stages:
         costs = []
         for size in sizes:
             measured = run_module("benchmarks.growth", stage, str(shards), str(size), str(jobs))
             if measured.exit_code != 0:
                 raise BranchDriveError(f"the stage {stage!r} at {size} groups ended with {measured.exit_code}")
             costs.append(StageCost(**json.loads(measured.output)))
-        yield _row(title, costs, jobs)
+        yield _row(_TITLES[stage], costs, jobs)
     yield _manifest(_MANIFEST_GROUPS)
 
 

@@ -1,6 +1,6 @@
-"""Shards that are audited once and repeated under new identities: what grows can be measured where rows cannot be had.
+"""Datasets of groups that are repeated under new identities: with rows, or where so many rows cannot be had without.
 
-A dataset of repeated shards lists as many files as a real one, which are empty. An executor gives, for
+A dataset of repeated shards without rows lists as many files as a real one, which are empty. An executor gives, for
 each of its shards, what was found and spooled for the shard that it repeats, under identities of its own, and runs all
 other tasks. Histories and routes move a little with each repetition, so that groups are no copies of each other.
 """
@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR, shard_name
 from branchdrive.contract.rule import CATALOGUE
@@ -23,17 +26,55 @@ from branchdrive.engine.spool import Spool
 from branchdrive.files.identities import Identities
 from branchdrive.files.survey import take_survey
 from branchdrive.formats.folder import Folder
-from branchdrive.formats.manifest import Manifest, write_manifest
+from branchdrive.formats.manifest import Manifest, build_manifest, write_manifest
+from branchdrive.formats.parquet import encode_table
 from branchdrive.runtime.executor import Died, Executor, Failed
 from branchdrive.tables.frame import Frame, Values
 
-__all__ = ["AuditedShard", "Repeating", "audited_shard", "repeated_dataset"]
+__all__ = ["AuditedShard", "Repeating", "audited_shard", "repeat_dataset", "repeated_dataset"]
 
-_IDENTITIES = ("group_id", "rollout_id", "nominal_rollout_id")
+_IDENTITIES = ("group_id", "rollout_id", "nominal_rollout_id", "trigger_rollout_id")
 _MOVED_M = 1000.0
 _MOVED_SHARE = 0.05
 _KEPT_SHARE = 0.5
 """What a few groups show by chance would be a fault of the whole dataset if all repetitions showed it."""
+
+
+def _prefixed(table: pa.Table, prefix: str) -> pa.Table:
+    for name in _IDENTITIES:
+        if name in table.column_names:
+            index = table.schema.get_field_index(name)
+            renamed = pc.binary_join_element_wise(pa.scalar(prefix), table[name], "")
+            table = table.set_column(index, table.schema.field(name), renamed)
+    return table
+
+
+def repeat_dataset(source: Path, target: Path, *, num_groups: int, groups_per_shard: int) -> int:
+    """Write a dataset of at least `num_groups` groups to `target` by repeating those of `source`.
+
+    Returns:
+        Number of groups written: whole repetitions of the source, `groups_per_shard` or more a shard.
+    """
+    folders = sorted((source / RAW_DIR).iterdir())
+    names = sorted(path.name for path in folders[0].iterdir())
+    tables = {name: pa.concat_tables([pq.read_table(folder / name) for folder in folders]) for name in names}
+    source_groups = len(pc.unique(tables["rollouts.parquet"]["group_id"]))
+    copies_per_shard = -(-groups_per_shard // source_groups)
+    num_shards = -(-num_groups // (copies_per_shard * source_groups))
+    _begin(target, (source / DESCRIPTOR_FILE).read_bytes())
+    for shard in range(num_shards):
+        folder = target / RAW_DIR / shard_name(shard)
+        folder.mkdir(parents=True)
+        for name, table in tables.items():
+            copies = [_prefixed(table, f"s{shard}c{copy}-") for copy in range(copies_per_shard)]
+            (folder / name).write_bytes(encode_table(pa.concat_tables(copies)))
+    write_manifest(Folder(target), build_manifest(Folder(target)))
+    return num_shards * copies_per_shard * source_groups
+
+
+def _begin(target: Path, descriptor: bytes) -> None:
+    target.mkdir(parents=True)
+    (target / DESCRIPTOR_FILE).write_bytes(descriptor)
 
 
 @dataclass(frozen=True)
@@ -71,8 +112,7 @@ def repeated_dataset(shard: AuditedShard, target: Path, num_groups: int) -> int:
 
     Descriptor and manifest are those of such a dataset. Files of shards are empty: a `Repeating` executor reads none.
     """
-    target.mkdir(parents=True)
-    (target / DESCRIPTOR_FILE).write_bytes(shard.descriptor)
+    _begin(target, shard.descriptor)
     digests = {DESCRIPTOR_FILE: Folder(target).digest(DESCRIPTOR_FILE)}
     num_shards = -(-num_groups // shard.num_groups)
     for number in range(num_shards):

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from benchmarks import sql_checker
 from benchmarks.command import run_branchdrive
-from benchmarks.corpus import repeat_dataset
 from benchmarks.cost import Cost, cost_of
 from benchmarks.floor import layer_folders, read_folder
+from benchmarks.repeated import repeat_dataset
 from benchmarks.row import Row
 from benchmarks.worker_peak import worker_peak_bytes
 from branchdrive.benchmark.protocol.protocol import default_protocol

@@ -1,5 +1,7 @@
 """`make kills`: collector, builder and benchmark, killed again and again, end with what an undisturbed run leaves.
 
+The builder is killed on a raw layer of one part, and on one of two, whose tables workers write.
+
 A command runs in a session of its own, whose processes are all killed (SIGKILL) at a moment drawn from the time that an
 undisturbed run takes; then it is run again on what is left. After some kills it may end, and every file below the
 dataset is compared, byte by byte.
@@ -23,7 +25,12 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.progress import Progress
 from tests.reference_impl.benchmark.small_release import contents, make_release, smallest_protocol, write_protocol
+from tests.synthetic import seal_dataset
+from tests.synthetic_release import raw_descriptor, raw_tables
+from tests.validator.engine.rules.draft import Draft
 
+from branchdrive.contract.layer import PART_SHARDS
+from branchdrive.contract.layout import RAW_DIR, shard_name
 from branchdrive.statistics.random_words import uniforms, words
 
 KILLS_A_ROUND = 4
@@ -56,6 +63,14 @@ def _collected(root: Path) -> None:
     subprocess.run(_collect(root), check=True, capture_output=True)
 
 
+def _collected_in_parts(root: Path) -> None:
+    """Raw shards of two parts: the last one has the number of the first of another part."""
+    Draft(raw_tables(), raw_descriptor()).write(root)
+    last = max((root / RAW_DIR).iterdir())
+    last.rename(last.with_name(shard_name(PART_SHARDS)))
+    seal_dataset(root)
+
+
 def _benchmark(root: Path) -> list[str]:
     return _command("benchmark", str(root), "--protocol", str(root.parent / "protocol.json"))
 
@@ -70,6 +85,7 @@ def _release(root: Path) -> None:
 DRILLS = {
     "collect": Drill(lambda root: root.parent.mkdir(exist_ok=True), _collect),
     "build": Drill(_collected, lambda root: _command("build", str(root))),
+    "build in parts": Drill(_collected_in_parts, lambda root: _command("build", str(root))),
     "benchmark": Drill(_release, _benchmark),
 }
 

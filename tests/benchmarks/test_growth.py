@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from benchmarks.growth import StageCost, _row, measure, rows
+from benchmarks.growth import ALL_STAGES, StageCost, _row, measure, rows
 from benchmarks.repeated import AuditedShard, Repeating, audited_shard, repeated_dataset
 from tests.reference_impl.collect.kept_collection import kept_collection
 
@@ -60,7 +60,7 @@ def test_exponent_and_memory_are_those_of_the_first_and_the_last_size() -> None:
 @pytest.mark.thorough
 def test_every_stage_has_a_row(source: Path, tmp_path: Path) -> None:
     (tmp_path / "source").symlink_to(source)
-    found = [*rows(tmp_path, sizes=(12, 24), jobs=1)]
+    found = [*rows(tmp_path, sizes=(12, 24), stages=ALL_STAGES, jobs=1)]
     assert len(found) == 4
     assert [row.bar for row in found] == ["<= 1.1\n<= 10 kB"] * 3 + [""]
     assert found[-1].measured.startswith("271,")

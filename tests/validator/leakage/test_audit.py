@@ -140,7 +140,7 @@ def test_it_says_how_far_it_is(parts: dict[str, Any]) -> None:
 def test_the_key_of_parts_changes_with_all_that_they_depend_on() -> None:
     def key(inputs: ReplayInputs = CLEAN, seed: int = 1, protocol: AuditProtocol = QUICK, other: bool = False) -> str:
         classifier = Undecided() if other else Regression()
-        return audit_key(inputs, seed=seed, protocol=protocol, sequence_classifier=classifier)
+        return audit_key(inputs.digest(), seed=seed, protocol=protocol, sequence_classifier=classifier)
 
     keys = [
         key(),
@@ -149,7 +149,7 @@ def test_the_key_of_parts_changes_with_all_that_they_depend_on() -> None:
         key(protocol=AuditProtocol(QUICK.gate)),
         key(protocol=AuditProtocol(battery=QUICK.battery)),
         key(other=True),
-        audit_key(CLEAN, seed=1, protocol=QUICK, sequence_classifier=Unavailable("because")),
+        audit_key(CLEAN.digest(), seed=1, protocol=QUICK, sequence_classifier=Unavailable("because")),
     ]
     assert len(set(keys)) == len(keys)
     same = GateProtocol(**{**vars(QUICK.gate), "scratch_bytes": 1})

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.validator.leakage.samples import exchangeable
 
+from branchdrive.leakage.draw import KeptHere
 from branchdrive.leakage.gate_statistics import GateStatistics
 from branchdrive.leakage.protocol import GateProtocol
 from branchdrive.leakage.sensitivity import PATTERNS, Detection, Sensitivity, inject, offsets_of, sensitivity
@@ -20,7 +21,7 @@ PROTOCOL = GateProtocol(
 def measured(x: np.ndarray, protocol: GateProtocol = PROTOCOL) -> Sensitivity:
     statistics = GateStatistics.of(x, protocol, seed=1)
     null = statistics.null(protocol.num_permutations, seed=1, scratch_bytes=protocol.scratch_bytes)
-    found = sensitivity(x, statistics.reference, null, protocol=protocol, seed=1)
+    found = sensitivity(KeptHere(x), statistics.reference, null, protocol=protocol, seed=1)
     assert found.critical == tuple(critical_value(column, protocol.alpha / 6) for column in null.T)
     return found
 

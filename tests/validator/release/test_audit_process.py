@@ -129,6 +129,23 @@ def test_processes_that_draw_change_no_bit(task_of: Any) -> None:
     assert audit_in_own_process(replace(task, jobs=2), Parts()) == audit_in_own_process(task, Parts())
 
 
+def test_a_process_that_has_others_compute_takes_no_inputs(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither replays nor statistics nor features come to the process of the audit."""
+    taken: list[str] = []
+    get = Spool.get
+
+    def noted(spool: Spool, name: str) -> Any:
+        taken.append(name)
+        return get(spool, name)
+
+    monkeypatch.setattr(Spool, "get", noted)
+    monkeypatch.setattr(Known, "__call__", lambda _: pytest.fail("inputs were made here"))
+    task = task_of(NOBODY)
+    document = audit_here(replace(task, jobs=2), Parts())
+    assert not taken
+    assert numbers(document) == pytest.approx(numbers(audit_in_own_process(task, Parts())), rel=1e-6, abs=1e-9)
+
+
 def refused(_: Any, numbers: range) -> None:
     raise ValueError(f"not {numbers.start}")
 

@@ -109,7 +109,7 @@ def test_finished_parts_of_an_audit_are_not_computed_again(
 ) -> None:
     root = shutil.copytree(built, tmp_path / "release")
     gates: list[int] = []
-    gate, write = audit.leakage_gate, stored.replace_file
+    gate, write = audit.gate_of, stored.replace_file
     parts: list[str] = []
 
     def counted_gate(*arguments: Any, **options: Any) -> Any:
@@ -120,7 +120,7 @@ def test_finished_parts_of_an_audit_are_not_computed_again(
         parts.append(path.name)
         write(path, content)
 
-    monkeypatch.setattr(audit, "leakage_gate", counted_gate)
+    monkeypatch.setattr(audit, "gate_of", counted_gate)
     monkeypatch.setattr(stored, "replace_file", counted_write)
 
     def interrupt(stage: str, done: int, _: int, _note: str) -> None:
@@ -148,7 +148,7 @@ def test_parts_of_an_audit_with_another_seed_are_not_taken(
         gates.append(seed)
         raise PowerCut
 
-    monkeypatch.setattr(audit, "leakage_gate", gate)
+    monkeypatch.setattr(audit, "gate_of", gate)
     for seed in (1, 2):
         with pytest.raises(PowerCut):
             build(root, stages=["leakage"], seed=seed)

@@ -17,6 +17,10 @@ def double(value: int) -> int:
     return 2 * value
 
 
+def own_process(_: object) -> int:
+    return os.getpid()
+
+
 def die_on_three(value: int) -> int:
     if value == 3:
         os.kill(os.getpid(), signal.SIGKILL)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -29,13 +30,14 @@ from tests.validator.runtime.tasks import (
     exhaust_memory_on_three,
     interrupt,
     leave_quietly,
+    own_process,
     raise_on_three,
 )
 from tests.waiting import wait_for
 
 from branchdrive.engine.validate import validate
 from branchdrive.errors import PlatformError
-from branchdrive.runtime.executor import Died, Executor, Failed, in_process, isolated
+from branchdrive.runtime.executor import Died, Executor, Failed, in_process, isolated, standing
 
 
 def results(executor: Executor, function: Callable[[Any], Any], tasks: list[Any]) -> dict[int, Any]:
@@ -220,3 +222,19 @@ def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypa
     monkeypatch.setattr("branchdrive.runtime.executor._allowed_bytes", lambda: 1.5 * 2**30)
     with pytest.raises(PlatformError, match=r"no more than 1\.5 GiB of memory here.*raise `ulimit -v`"):
         results(isolated(1), leave_quietly, [1])
+
+
+def test_standing_processes_stay_from_call_to_call_and_end_with_the_block() -> None:
+    with standing(2) as executor:
+        first = {pid for _ in range(3) for pid in results(executor, own_process, [*range(6)]).values()}
+        assert len(first) <= 2
+        assert os.getpid() not in first
+        found = results(executor, die_on_three, [*range(5)])
+        assert found == {0: 0, 1: 2, 2: 4, 3: Died(), 4: 8}
+        found = results(executor, raise_on_three, [3])
+        assert isinstance(found[0], Failed)
+        assert found[0].reason.startswith("ValueError: three")
+        last = {*results(executor, own_process, [*range(6)]).values()}
+    for process in first | last:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)

@@ -13,13 +13,14 @@ import hashlib
 import json
 import math
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from branchdrive.leakage.battery import Part, ways
+from branchdrive.leakage.battery import Part, Way, WayFacts, way_facts
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
-from branchdrive.leakage.draw import Draw, drawn_here
-from branchdrive.leakage.gate import Code, Gate, Place, leakage_gate
-from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_features
+from branchdrive.leakage.draw import Kept, KeptHere, Workplace, drawn_here
+from branchdrive.leakage.gate import Code, Gate, GateSubject, Place, gate_of
+from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_columns, gate_features
 from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.score import judged_battery
@@ -27,22 +28,69 @@ from branchdrive.leakage.sensitivity import PATTERNS, Sensitivity
 from branchdrive.leakage.streams import StreamColumn
 from branchdrive.quality.threshold import VARIABLES
 
-__all__ = ["audit_key", "audit_leakage", "code_as_json", "described_inputs", "gate_as_json", "place_as_json"]
+__all__ = [
+    "SeenInputs", "audit_key", "audit_leakage", "audit_of", "code_as_json", "described_inputs", "gate_as_json",
+    "place_as_json",
+]  # fmt: skip
 
 Remember = Callable[[str, Callable[[], dict[str, Any]]], dict[str, Any]]
 Progress = Callable[[int, int, str], None]
 
 
+class SeenInputs(NamedTuple):
+    """What is known of the inputs of an audit without holding them.
+
+    Attributes:
+        described: Digest, counts and names, as the document has them.
+        interventions: Keys of the actions of the gate.
+        features: What its features are.
+        streams: What its columns of streams are.
+        ways: Of the battery.
+    """
+
+    described: dict[str, Any]
+    interventions: list[str]
+    features: tuple[GateFeature, ...]
+    streams: tuple[StreamColumn, ...]
+    ways: tuple[WayFacts, ...]
+
+    @classmethod
+    def of(cls, inputs: ReplayInputs) -> SeenInputs:
+        """What is known of inputs."""
+        keys = [inputs.action_keys[index] for index in inputs.interventions]
+        return cls(described_inputs(inputs), keys, gate_columns(inputs), inputs.streams.columns, way_facts(inputs))
+
+
+@dataclass(frozen=True)
+class _GateInputs:
+    """What the gate sees of inputs, computed where they are taken."""
+
+    inputs: Kept[ReplayInputs]
+
+    @property
+    def value(self) -> GateSubject:
+        inputs = self.inputs.value
+        features, columns = gate_features(inputs)
+        return GateSubject(features, Layout.of(columns), inputs.streams)
+
+
 def audit_key(
-    inputs: ReplayInputs,
+    digest: str,
     *,
     seed: int,
     protocol: AuditProtocol | None = None,
     sequence_classifier: SequenceClassifier | Unavailable,
 ) -> str:
-    """SHA-256 of all that the parts of an audit depend on: what was kept under another key is of another audit."""
+    """SHA-256 of all that the parts of an audit depend on: what was kept under another key is of another audit.
+
+    Args:
+        digest: Of the inputs.
+        seed: Of everything random.
+        protocol: Numbers of the audit; None is the default.
+        sequence_classifier: Of the recurrent tests.
+    """
     settings = _settings(sequence_classifier)
-    key = [inputs.digest(), seed, (protocol or AuditProtocol()).as_json(), settings]
+    key = [digest, seed, (protocol or AuditProtocol()).as_json(), settings]
     return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
 
 
@@ -54,28 +102,50 @@ def audit_leakage(
     sequence_classifier: SequenceClassifier | Unavailable,
     remember: Remember = lambda _, compute: compute(),
     progress: Progress | None = None,
-    draw: Draw = drawn_here,
 ) -> dict[str, Any]:
-    """Audit of replays, as JSON.
+    """Audit of replays in this process, as JSON; see `audit_of`."""
+    return audit_of(
+        KeptHere(inputs),
+        SeenInputs.of(inputs),
+        seed=seed,
+        protocol=protocol,
+        sequence_classifier=sequence_classifier,
+        remember=remember,
+        progress=progress,
+    )
+
+
+def audit_of(
+    inputs: Kept[ReplayInputs],
+    seen: SeenInputs,
+    *,
+    seed: int,
+    protocol: AuditProtocol | None = None,
+    sequence_classifier: SequenceClassifier | Unavailable,
+    remember: Remember = lambda _, compute: compute(),
+    progress: Progress | None = None,
+    draw: Workplace = drawn_here,
+) -> dict[str, Any]:
+    """Audit of replays that are kept somewhere, as JSON.
 
     Args:
         inputs: What is seen.
+        seen: What is known of it.
         seed: Of everything random, below 2**64.
         protocol: Numbers of the audit; None is the default.
         sequence_classifier: Of the three recurrent tests, as `sequence_classifier()` finds it.
         remember: Called with the name of a part and what computes it; returns the part. It may return what
             it kept of an earlier call under the same `audit_key`.
         progress: Called with parts done, parts in total, and the name of the next or `done`.
-        draw: How ranges of permutations and replicates are computed.
+        draw: Where classifiers run and statistics are kept, and how ranges of permutations and replicates are computed.
 
     Raises:
         ValueError: The seed is out of range, or the classifier gives scores of another shape.
     """
     protocol = protocol or AuditProtocol()
-    features, columns = gate_features(inputs)
     battery = [
         (way, way.parts(seed=seed, protocol=protocol.battery, classifier=sequence_classifier, draw=draw))
-        for way in ways(inputs)
+        for way in (Way(inputs, *facts) for facts in seen.ways)
     ]
     total = 1 + sum(part.compute is not None for _, parts in battery for part in parts)
     done = 0
@@ -94,11 +164,8 @@ def audit_leakage(
         return {"name": task.name, **part(f"{way_name}/{task.name}", task.compute)}
 
     def gate() -> dict[str, Any]:
-        keys = [inputs.action_keys[index] for index in inputs.interventions]
-        found = leakage_gate(
-            features, seed=seed, protocol=protocol.gate, layout=Layout.of(columns), streams=inputs.streams, draw=draw
-        )
-        return gate_as_json(found, columns, inputs.streams.columns, keys)
+        found = gate_of(_GateInputs(inputs), seed=seed, protocol=protocol.gate, draw=draw)
+        return gate_as_json(found, seen.features, seen.streams, seen.interventions)
 
     gate_part = part("gate", gate)
     recorded: list[dict[str, Any]] = []
@@ -116,7 +183,7 @@ def audit_leakage(
     if progress:
         progress(total, total, "done")
     return {
-        "inputs": described_inputs(inputs),
+        "inputs": seen.described,
         "seed": seed,
         "protocol": {**protocol.as_json(), "sequence_classifier": _settings(sequence_classifier)},
         "gate": gate_part,

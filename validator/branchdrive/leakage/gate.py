@@ -14,14 +14,15 @@ Fidelity, and Leakage").
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.draw import Draw, drawn_here
-from branchdrive.leakage.gate_statistics import GateStatistics
+from branchdrive.leakage.draw import ONCE, Kept, KeptHere, Workplace, drawn_here
+from branchdrive.leakage.gate_statistics import GateStatistics, Reference, null_distribution
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Layout
 from branchdrive.leakage.sensitivity import Sensitivity, sensitivity
@@ -31,8 +32,8 @@ from branchdrive.statistics.holm import holm
 from branchdrive.statistics.permutation import identity, labels, p_value
 
 __all__ = [
-    "IDENTICAL", "NOTHING", "Code", "Gate", "Outcome", "Place", "Verdict", "dealt", "dealt_streams", "gate_verdict",
-    "leakage_gate", "strongest_codes", "strongest_places", "too_few",
+    "IDENTICAL", "NOTHING", "Code", "Gate", "GateSubject", "Outcome", "Place", "Verdict", "dealt", "dealt_streams",
+    "gate_of", "gate_verdict", "leakage_gate", "strongest_codes", "strongest_places", "too_few",
 ]  # fmt: skip
 
 NOTHING = "There is nothing to examine."
@@ -131,7 +132,6 @@ def leakage_gate(
     protocol: GateProtocol | None = None,
     layout: Layout | None = None,
     streams: Streams | None = None,
-    draw: Draw = drawn_here,
 ) -> Gate:
     """Judge replay-specific features from before the branch.
 
@@ -143,16 +143,94 @@ def leakage_gate(
         protocol: Numbers of the gate; None is the default.
         layout: How features belong together; None keeps them apart and examines no product.
         streams: Recorded columns of the same groups and actions; None is none.
-        draw: How ranges of permutations and replicates are computed, with one thread of linear algebra or all
-            with as many as here.
 
     Raises:
         ValueError: The shape or the seed is wrong.
     """
-    protocol = protocol or GateProtocol()
     x = checked(features)
-    num_groups, num_actions, num_features = x.shape
-    streams = streams or Streams.none(num_groups, num_actions)
+    subject = GateSubject(x, layout, streams or Streams.none(*x.shape[:2]))
+    return gate_of(KeptHere(subject), seed=seed, protocol=protocol or GateProtocol(), draw=drawn_here)
+
+
+class GateSubject(NamedTuple):
+    """What a gate judges.
+
+    Attributes:
+        features: ``[groups, actions, features]``.
+        layout: How features belong together; None keeps them apart.
+        streams: Recorded columns of the same groups and actions.
+    """
+
+    features: Array
+    layout: Layout | None
+    streams: Streams
+
+
+class _Look(NamedTuple):
+    """What is known of a subject at once: its shape, number of columns of streams, and whether all rows agree."""
+
+    shape: tuple[int, int, int]
+    num_columns: int
+    are_identical: bool
+
+
+def _looked_at(subject: Kept[GateSubject], _: range) -> _Look:
+    x, _layout, streams = subject.value
+    return _Look(x.shape, len(streams.columns), bool(x.size) and rows_agree(x) and streams.are_identical)
+
+
+def _dealt(subject: tuple[Kept[GateSubject], int]) -> tuple[Array, None]:
+    """Features in folds, which replicates change."""
+    kept, num_folds = subject
+    return dealt(kept.value.features, num_folds), None
+
+
+class _Observed(NamedTuple):
+    """What statistics say of the labels as recorded, and what permutations and replicates take from them.
+
+    Attributes:
+        values: In the order of `STATISTICS`.
+        places: Largest first, without p.
+        codes: Of concordance and then of interaction, largest first, without p.
+        reference: What statistics took from the data once.
+        length: Permutations of one chunk.
+    """
+
+    values: Array
+    places: tuple[Place, ...]
+    codes: tuple[Code, ...]
+    reference: Reference
+    length: int
+
+
+def _statistics(subject: tuple[Kept[GateSubject], GateProtocol, int]) -> tuple[GateStatistics, _Observed]:
+    """Statistics ready for any labels."""
+    kept, protocol, seed = subject
+    x, layout, streams = kept.value
+    made = GateStatistics.of(
+        dealt(x, protocol.num_folds),
+        protocol,
+        seed=seed,
+        layout=layout,
+        streams=dealt_streams(streams, protocol.num_folds),
+    )
+    places, codes = strongest_places(made, protocol.num_named), strongest_codes(made, protocol.num_named)
+    observed = _Observed(made.observed(), places, codes, made.reference, made.chunk_length(protocol.scratch_bytes))
+    return made, observed
+
+
+def gate_of(subject: Kept[GateSubject], *, seed: int, protocol: GateProtocol, draw: Workplace) -> Gate:
+    """Judge features and streams that are kept somewhere; see `leakage_gate`.
+
+    Args:
+        subject: Features and streams.
+        seed: Of permutations, frequencies and replicates.
+        protocol: Numbers of the gate.
+        draw: Where statistics are kept and ranges of permutations and replicates are computed, with one thread of
+            linear algebra or all with as many as here.
+    """
+    [(shape, num_columns, are_identical)] = draw(_looked_at, subject, ONCE)
+    num_groups = shape[0]
 
     def result(
         verdict: Verdict,
@@ -165,33 +243,32 @@ def leakage_gate(
         codes: tuple[Code, ...] = (),
         effect: Sensitivity | None = None,
     ) -> Gate:
-        shape = (num_groups, num_actions, num_features)
         return Gate(
-            verdict, reason, bit_identical, shape, len(streams.columns), seed, protocol, bandwidth, tests, places,
+            verdict, reason, bit_identical, shape, num_columns, seed, protocol, bandwidth, tests, places,
             codes, effect,
         )  # fmt: skip
 
-    if not x.size:
+    if not np.prod(shape):
         return result("inconclusive", NOTHING)
-    if rows_agree(x) and streams.are_identical:
+    if are_identical:
         tests = tuple(Outcome(name, 0.0, 1.0, 1.0) for name in STATISTICS)
         return result("pass", IDENTICAL, bit_identical=True, tests=tests)
     if num_groups < protocol.num_folds:
         return result("inconclusive", too_few(num_groups, protocol))
 
-    x = dealt(x, protocol.num_folds)
-    statistics = GateStatistics.of(
-        x, protocol, seed=seed, layout=layout, streams=dealt_streams(streams, protocol.num_folds)
-    )
-    observed = statistics.observed()
-    null = statistics.null(protocol.num_permutations, seed=seed, scratch_bytes=protocol.scratch_bytes, draw=draw)
-    p = [p_value(value, column) for value, column in zip(observed.tolist(), null.T, strict=True)]
-    tests = tuple(map(Outcome, STATISTICS, observed.tolist(), p, holm(p).tolist()))
-    places = strongest_places(statistics, null[:, STATISTICS.index("max_t")], protocol.num_named)
-    codes = strongest_codes(statistics, null, protocol.num_named)
-    reference = statistics.reference
+    features, _ = draw.keep(_dealt, (subject, protocol.num_folds))
+    statistics, observed = draw.keep(_statistics, (subject, protocol, seed))
+    null = null_distribution(statistics, protocol.num_permutations, seed=seed, length=observed.length, draw=draw)
     del statistics  # makes room for those of the replicates
-    effect = sensitivity(x, reference, null, protocol=protocol, seed=seed, draw=draw)
+    p = [p_value(value, column) for value, column in zip(observed.values.tolist(), null.T, strict=True)]
+    tests = tuple(map(Outcome, STATISTICS, observed.values.tolist(), p, holm(p).tolist()))
+    largest = null[:, STATISTICS.index("max_t")]
+    places = tuple(place._replace(p=p_value(abs(place.t), largest)) for place in observed.places)
+    codes = tuple(
+        code._replace(p=p_value(code.value, null[:, STATISTICS.index(code.statistic)])) for code in observed.codes
+    )
+    reference = observed.reference
+    effect = sensitivity(features, reference, null, protocol=protocol, seed=seed, draw=draw)
     verdict, reason = gate_verdict(tests, protocol)
     return result(
         verdict, reason, bandwidth=reference.bandwidth, tests=tests, places=places, codes=codes, effect=effect
@@ -232,8 +309,8 @@ def gate_verdict(tests: tuple[Outcome, ...], protocol: GateProtocol) -> tuple[Ve
     return "pass", f"No adjusted p is at most {protocol.alpha:g}; the smallest is {strongest.p_adjusted:.2g}."
 
 
-def strongest_places(statistics: GateStatistics, null: Array, num_named: int) -> tuple[Place, ...]:
-    """Places of the largest ``|t|``, largest first, with their p under the null distribution ``[B]`` of `max_t`."""
+def strongest_places(statistics: GateStatistics, num_named: int) -> tuple[Place, ...]:
+    """Places of the largest ``|t|``, largest first, whose p is not known yet."""
     table = statistics.table
     scores = statistics.max_t.scores(labels(identity(table.num_groups, table.num_actions)))[0]
     values = table.values
@@ -243,22 +320,21 @@ def strongest_places(statistics: GateStatistics, null: Array, num_named: int) ->
     for index in np.argsort(-np.abs(scores), axis=None, kind="stable")[:num_named].tolist():
         action, column = divmod(index, len(table.columns))
         feature, kind = table.columns[column]
-        t = float(scores[action, column])
-        places.append(Place(feature, action, kind, t, float(means[action, column]), p_value(abs(t), null)))
+        places.append(
+            Place(feature, action, kind, float(scores[action, column]), float(means[action, column]), math.nan)
+        )
     return tuple(places)
 
 
-def strongest_codes(statistics: GateStatistics, null: Array, num_named: int) -> tuple[Code, ...]:
-    """Places of the largest concordance, then of the largest interaction, each largest first.
+def strongest_codes(statistics: GateStatistics, num_named: int) -> tuple[Code, ...]:
+    """Places of the largest concordance, then of the largest interaction, each largest first, without p.
 
     Args:
         statistics: Statistics.
-        null: Their null distribution ``[permutations, statistics]``.
         num_named: Places of each, at most.
     """
     rows = identity(statistics.table.num_groups, statistics.table.num_actions)
     codes: list[Code] = []
     for name, statistic in (("concordance", statistics.concordance), ("interaction", statistics.interaction)):
-        column = null[:, STATISTICS.index(name)]
-        codes += [Code(name, *place, p_value(place.value, column)) for place in statistic.places(rows, num_named)]
+        codes += [Code(name, *place, math.nan) for place in statistic.places(rows, num_named)]
     return tuple(codes)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.draw import Draw, drawn_here, ranges_of
+from branchdrive.leakage.draw import Draw, Kept, KeptHere, drawn_here, ranges_of
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.scan import Concordance, Interaction, Layout, Ranks
 from branchdrive.leakage.statistic import Hsic, MaxT, Ridge, frequencies, median_distance
@@ -24,7 +24,7 @@ from branchdrive.leakage.table import Column, Table, checked, tabulate
 from branchdrive.statistics.permutation import identity, labels
 from branchdrive.statistics.random_words import group_orders
 
-__all__ = ["GateStatistics", "Reference", "chunk_length"]
+__all__ = ["GateStatistics", "Reference", "chunk_length", "null_distribution"]
 
 Array = NDArray[np.float64]
 
@@ -155,12 +155,13 @@ class GateStatistics:
             start: Number of the first.
             draw: How ranges of them are computed, which are of whole chunks, so that it decides no bit.
         """
-        shape = (self.table.num_groups, self.table.num_actions)
+        length = self.chunk_length(scratch_bytes)
+        return null_distribution(KeptHere(self), num_permutations, seed=seed, length=length, start=start, draw=draw)
+
+    def chunk_length(self, scratch_bytes: int) -> int:
+        """Permutations of one chunk, so that it occupies at most `scratch_bytes`."""
         widest = max(getattr(self, name).scratch_columns for name in STATISTICS)
-        length = chunk_length(*shape, widest, scratch_bytes)
-        ranges = [range(r.start + start, r.stop + start) for r in ranges_of(num_permutations - start, length)]
-        found = draw(_null_of, (self, seed, length), ranges)
-        return np.concatenate([np.empty((0, len(STATISTICS))), *found])
+        return chunk_length(self.table.num_groups, self.table.num_actions, widest, scratch_bytes)
 
     def _statistics(self, rows: NDArray[np.intp]) -> Array:
         matrix = labels(rows)
@@ -176,9 +177,19 @@ class GateStatistics:
         return np.stack([found[name] for name in STATISTICS], axis=1)
 
 
-def _null_of(subject: tuple[GateStatistics, int, int], numbers: range) -> Array:
+def null_distribution(
+    statistics: Kept[GateStatistics], num_permutations: int, *, seed: int, length: int, draw: Draw, start: int = 0
+) -> Array:
+    """Statistics of random permutations ``[permutations, statistics]``, in ranges of whole chunks of a length."""
+    ranges = [range(r.start + start, r.stop + start) for r in ranges_of(num_permutations - start, length)]
+    found = draw(_null_of, (statistics, seed, length), ranges)
+    return np.concatenate([np.empty((0, len(STATISTICS))), *found])
+
+
+def _null_of(subject: tuple[Kept[GateStatistics], int, int], numbers: range) -> Array:
     """Statistics of permutations, chunk by chunk ``[permutations, statistics]``."""
-    statistics, seed, length = subject
+    kept, seed, length = subject
+    statistics = kept.value
     shape = (statistics.table.num_groups, statistics.table.num_actions)
     null = np.empty((len(numbers), len(STATISTICS)))
     for first in range(numbers.start, numbers.stop, length):

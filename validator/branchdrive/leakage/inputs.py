@@ -33,7 +33,7 @@ from branchdrive.contract.timing import (
 from branchdrive.leakage.streams import Streams
 from branchdrive.quality.threshold import VARIABLES
 
-__all__ = ["CONTROL_SPANS", "GateFeature", "ReplayInputs", "Source", "gate_features", "pooled_controls"]
+__all__ = ["CONTROL_SPANS", "GateFeature", "ReplayInputs", "Source", "gate_columns", "gate_features", "pooled_controls"]
 
 Array = NDArray[np.float64]
 Source = Literal["discrepancy", "ego", "controls", "availability"]
@@ -206,6 +206,16 @@ def pooled_controls(inputs: ReplayInputs) -> Array:
         return np.asarray(spans.mean(axis=3))
 
 
+def gate_columns(inputs: ReplayInputs) -> tuple[GateFeature, ...]:
+    """What the features of a gate are."""
+    return (
+        *(GateFeature("discrepancy", variable.name, None) for variable in VARIABLES),
+        *(GateFeature("ego", name, (tick, tick)) for tick in HISTORY_OFFSETS for name in inputs.ego_names),
+        *(GateFeature("controls", name, span) for span in CONTROL_SPANS for name in inputs.control_names),
+        *(GateFeature("availability", name, None) for name in inputs.availability_names),
+    )
+
+
 def gate_features(inputs: ReplayInputs) -> tuple[Array, tuple[GateFeature, ...]]:
     """Features of all interventions ``[groups, actions - 1, features]``, and what they are; the nominal stays out."""
     groups, actions = inputs.num_groups, len(inputs.action_keys)
@@ -215,10 +225,4 @@ def gate_features(inputs: ReplayInputs) -> tuple[Array, tuple[GateFeature, ...]]
         pooled_controls(inputs).reshape(groups, actions, len(CONTROL_SPANS) * len(inputs.control_names)),
         inputs.availability,
     ]
-    features = (
-        *(GateFeature("discrepancy", variable.name, None) for variable in VARIABLES),
-        *(GateFeature("ego", name, (tick, tick)) for tick in HISTORY_OFFSETS for name in inputs.ego_names),
-        *(GateFeature("controls", name, span) for span in CONTROL_SPANS for name in inputs.control_names),
-        *(GateFeature("availability", name, None) for name in inputs.availability_names),
-    )
-    return np.concatenate(blocks, axis=2)[:, list(inputs.interventions)], features
+    return np.concatenate(blocks, axis=2)[:, list(inputs.interventions)], gate_columns(inputs)

@@ -80,8 +80,8 @@ def statistic_mismatches(document: Mapping[str, Any], inputs: ReplayInputs) -> I
     dealt_columns = dealt_streams(streams, protocol.num_folds)
     statistics = GateStatistics.of(x, protocol, seed=seed, layout=layout, streams=dealt_columns)
     observed = statistics.observed()
-    places = strongest_places(statistics, np.empty(0), protocol.num_named)
-    codes = strongest_codes(statistics, np.empty((0, len(STATISTICS))), protocol.num_named)
+    places = strongest_places(statistics, protocol.num_named)
+    codes = strongest_codes(statistics, protocol.num_named)
     expected = {
         "bit_identical": False,
         "bandwidth": statistics.reference.bandwidth,

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.draw import Draw, drawn_here, ranges_of
+from branchdrive.leakage.draw import ONCE, Draw, drawn_here, ranges_of
 from branchdrive.leakage.protocol import CONTROLS, BatteryProtocol
 from branchdrive.leakage.table import rows_agree
 from branchdrive.statistics.holm import holm
@@ -105,7 +105,7 @@ def held_out_score(
     actions = np.arange(num_actions)
     per_group = np.stack([m[:, actions, actions].mean(axis=1) for m in (hits, scores)])
     observed = per_group.mean(axis=1)
-    low, high = _interval(per_group[0], num_resamples, seed)
+    [(low, high)] = draw(_interval, (per_group[0], num_resamples, seed), ONCE)
     if identical:
         return Score(float(observed[0]), (low, high), float(observed[1]), 1.0, 1.0, True)
 
@@ -130,7 +130,8 @@ def _null_of(subject: tuple[Array, int], numbers: range) -> Array:
     return null
 
 
-def _interval(per_group: Array, num_resamples: int, seed: int) -> tuple[float, float]:
+def _interval(subject: tuple[Array, int, int], _: range) -> tuple[float, float]:
+    per_group, num_resamples, seed = subject
     num_groups = len(per_group)
     drawn = counts(words(seed, _BOOTSTRAP, num_resamples, num_groups), num_groups)
     low, high = np.quantile(drawn @ per_group / num_groups, [0.025, 0.975]).tolist()

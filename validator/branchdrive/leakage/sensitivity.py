@@ -26,7 +26,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from branchdrive.leakage.draw import Draw, drawn_here, ranges_of
+from branchdrive.leakage.draw import Draw, Kept, drawn_here, ranges_of
 from branchdrive.leakage.gate_statistics import GateStatistics, Reference
 from branchdrive.leakage.protocol import STATISTICS, GateProtocol
 from branchdrive.leakage.table import checked
@@ -96,7 +96,7 @@ def offsets_of(pattern: Pattern, protocol: GateProtocol) -> tuple[float, ...]:
 
 
 def sensitivity(
-    features: ArrayLike,
+    features: Kept[Array],
     reference: Reference,
     null: Array,
     *,
@@ -116,7 +116,7 @@ def sensitivity(
     """
     alpha = protocol.alpha / len(STATISTICS)
     critical = np.array([critical_value(column, alpha) for column in null.T])
-    replicates = _Replicates(checked(features), reference, critical, protocol, seed)
+    replicates = _Replicates(features, reference, critical, protocol, seed)
     # A number for every replicate of every pattern: pattern by pattern.
     every = draw(_found_in, replicates, ranges_of(len(PATTERNS) * protocol.num_replicates, 1))
     flat = [found for part in every for found in part]
@@ -132,7 +132,7 @@ def sensitivity(
 class _Replicates(NamedTuple):
     """What the replicates are a function of beside their numbers."""
 
-    features: Array
+    features: Kept[Array]
     reference: Reference
     critical: Array
     protocol: GateProtocol
@@ -141,7 +141,8 @@ class _Replicates(NamedTuple):
 
 def _found_in(subject: _Replicates, numbers: range) -> list[NDArray[np.bool_]]:
     """Which statistics find each offset of replicates, ``[offsets, statistics]`` each."""
-    x, reference, critical, protocol, seed = subject
+    kept, reference, critical, protocol, seed = subject
+    x = kept.value
     every = []
     for number in numbers:
         pattern, replicate = PATTERNS[number // protocol.num_replicates], number % protocol.num_replicates

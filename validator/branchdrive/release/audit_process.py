@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 from branchdrive.engine.spool import Spool
 from branchdrive.errors import ToolError
-from branchdrive.leakage.audit import Progress, audit_key, audit_leakage
+from branchdrive.leakage.audit import Progress, SeenInputs, audit_key, audit_of
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.draw import drawn_here
 from branchdrive.leakage.inputs import ReplayInputs
@@ -52,7 +52,7 @@ class AuditTask:
         seed: Of everything random.
         protocol: Numbers of the audit; None is the default.
         classifier: Of the recurrent tests, or why there is none.
-        jobs: Processes that draw permutations and replicates; 1 is that of the audit.
+        jobs: Processes that compute; 1 is that of the audit.
     """
 
     inputs: Callable[[], ReplayInputs]
@@ -67,22 +67,29 @@ PartsOf = Callable[[str], KnownParts]
 
 
 def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:
-    """The audit as JSON, in this process and with as many threads as it has; those that draw have one."""
-    inputs = task.inputs()
-    parts = parts_of(audit_key(inputs, seed=task.seed, protocol=task.protocol, sequence_classifier=task.classifier))
+    """The audit as JSON, in this process and with as many threads as it has.
 
-    def remember(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        part = parts.get(name)
-        if part is None:
-            part = compute()
-            parts.put(name, part)
-        return part
-
+    With more jobs than one, other processes of one thread each hold what is seen, and this one a few numbers a group.
+    """
     with ExitStack() as stack:
         spool = stack.enter_context(Spool.temporary())
         draw = SpreadDraw(spool, stack.enter_context(standing(task.jobs))) if task.jobs > 1 else drawn_here
-        return audit_leakage(
+        inputs, seen = draw.keep(_collected, task.inputs)
+        key = audit_key(
+            seen.described["digest"], seed=task.seed, protocol=task.protocol, sequence_classifier=task.classifier
+        )
+        parts = parts_of(key)
+
+        def remember(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+            part = parts.get(name)
+            if part is None:
+                part = compute()
+                parts.put(name, part)
+            return part
+
+        return audit_of(
             inputs,
+            seen,
             seed=task.seed,
             protocol=task.protocol,
             sequence_classifier=task.classifier,
@@ -90,6 +97,11 @@ def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = N
             progress=progress,
             draw=draw,
         )
+
+
+def _collected(inputs: Callable[[], ReplayInputs]) -> tuple[ReplayInputs, SeenInputs]:
+    found = inputs()
+    return found, SeenInputs.of(found)
 
 
 def audit_in_own_process(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:

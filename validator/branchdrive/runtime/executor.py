@@ -393,7 +393,11 @@ def standing(jobs: int) -> Iterator[Executor]:
             function: Callable[[Task], Result], tasks: Sequence[Task], /
         ) -> Iterator[tuple[int, Result | Died | Failed]]:
             running = {threads.submit(work, function, task): index for index, task in enumerate(tasks)}
-            for future in as_completed(running):
-                yield running[future], future.result()
+            try:
+                for future in as_completed(running):
+                    yield running[future], future.result()
+            finally:
+                for future in running:
+                    future.cancel()
 
         yield run
