@@ -16,6 +16,7 @@ from tests.recipes.byte_difference import parts_between
 from tests.recipes.cell_difference import cell_operations
 from tests.recipes.difference import recipe_between, tree
 from tests.recipes.table_difference import equal_tables
+from tests.sampling import THOROUGH
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.document import dump_json
@@ -135,8 +136,9 @@ def _another(cell: Any, kind: pa.DataType) -> Any:
     return not cell if isinstance(cell, bool) else f"{cell}x" if isinstance(cell, str) else cell + 1 if cell < 1 else 0
 
 
-def test_one_changed_cell_of_any_table_is_one_operation(tmp_path: Path) -> None:
-    """And so a case says what it is about."""
+@pytest.mark.parametrize("is_every", [False, pytest.param(True, marks=THOROUGH)])
+def test_one_changed_cell_of_any_table_is_one_operation(is_every: bool, tmp_path: Path) -> None:
+    """And so a case says what it is about; of the columns of a table, one of each type or every one is changed."""
     tables = {
         Path(path).stem.partition("-")[0]: table.slice(0, 5)
         for files in base_files(cases_dir()).values()
@@ -149,7 +151,8 @@ def test_one_changed_cell_of_any_table_is_one_operation(tmp_path: Path) -> None:
     for stem, table in tables.items():
         name = f"{stem}.parquet"
         (base / name).write_bytes(encode_table(table))
-        for column in table.column_names:
+        of_type = {str(field.type): field.name for field in table.schema}
+        for column in table.column_names if is_every else of_type.values():
             kind = table.schema.field(column).type
             first, *others = table[column].to_pylist()
             cells = pa.array([_another(first, kind), *others], kind)

@@ -62,10 +62,15 @@ def protocol(**training: Any) -> dict[str, Any]:
 
 
 def smallest_protocol(**training: Any) -> dict[str, Any]:
-    """The same with one model that is a mean, and one that is learned, with one seed."""
+    """The same with a model that is a mean, and one that is learned, with one seed; and with one profile."""
     document = protocol(**training)
     mean, *_, learned = document["models"]
     document["models"] = [mean, {**learned, "seeds": learned["seeds"][:1]}]
+    document["profiles"] = document["profiles"][:1]
+    kept = {None, document["profiles"][0]["name"]}
+    for family in document["families"]:
+        family["members"] = [member for member in family["members"] if member.get("profile") in kept]
+    document["families"] = [family for family in document["families"] if family["members"]]
     return document
 
 

@@ -118,8 +118,8 @@ def test_a_figure_is_laid_out_once_and_drawn_once_for_every_format(monkeypatch: 
 
 def test_ends_of_drives_are_drawn_where_results_tell_them() -> None:
     results = results_document(small_protocol(), data_with_endings(), prediction_set(), noise=noise())
+    profiles = results["ranking"]["profiles"] = results["ranking"]["profiles"][:2]
     figure = draw_endings(results)
-    profiles = results["ranking"]["profiles"]
     assert len(figure.axes) == 3 * len(profiles)
     clean = figure.axes[len(profiles)]
     assert clean.get_xlabel() == "clean drives, %"

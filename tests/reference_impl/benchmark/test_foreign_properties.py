@@ -121,7 +121,7 @@ def test_a_whole_prediction_is_read_as_it_is(folder: Path) -> None:
         assert values_of(found, name) == columns()[name].to_pylist()
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(name=st.sampled_from(NAMES), array=arrays())
 def test_a_column_of_any_type_is_refused_or_read_as_it_is(folder: Path, name: str, array: pa.Array) -> None:
     found = read(folder, columns() | {name: array})
@@ -150,7 +150,6 @@ def test_seeds_of_any_width_are_read_as_they_are(folder: Path, dtype: pa.DataTyp
     assert found is None or found.seeds("theirs") == (seed,)
 
 
-@settings(max_examples=60)
 @given(order=st.permutations(range(SIZE)), pieces=st.integers(1, SIZE))
 def test_rows_come_in_any_order_and_any_pieces(folder: Path, order: list[int], pieces: int) -> None:
     found = read(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.audits import remember_audits
 from tests.reference_impl.report.reading import Page, made
 from tests.reference_impl.report.samples import damaged, written
 
@@ -25,3 +26,9 @@ def page(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
 def damaged_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One with faults of many kinds."""
     return damaged(tmp_path_factory.mktemp("report") / "damaged")
+
+
+@pytest.fixture(autouse=True)
+def _remembered_audits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports are made in this process; workers make `page`."""
+    remember_audits(monkeypatch)

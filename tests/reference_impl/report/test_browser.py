@@ -10,6 +10,7 @@ import pytest
 from tests.reference_impl.report.browser import Visit, chromium, visits
 from tests.reference_impl.report.reading import made
 from tests.reference_impl.report.samples import HOSTILE, every, written
+from tests.sampling import THOROUGH
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +41,15 @@ def violations(page: Any) -> list[str]:
     return [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        (1280, "light"),
+        (390, "dark"),
+        pytest.param(1280, "dark", marks=THOROUGH),
+        pytest.param(390, "light", marks=THOROUGH),
+    ],
+)
 def test_axe_finds_nothing_and_nothing_runs_over(scheme: str, width: int, browser: Any, path: Path) -> None:
     with visits(browser, path, width=width, scheme=scheme) as visit:
         assert violations(visit.page) == []

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.audits import remembering
 from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.contract.layer import table_path
@@ -15,7 +16,7 @@ from branchdrive.contract.rule import CATALOGUE, rules_of
 from branchdrive.engine.derived_files import STRUCTURE_RULES, LayerFilesTask
 from branchdrive.engine.derived_rules import LayersTask
 from branchdrive.engine.validate import validate
-from branchdrive.runtime.executor import Died, Executor, in_process
+from branchdrive.runtime.executor import Died, Executor
 
 GIB = 1 << 30
 
@@ -40,7 +41,7 @@ def deadly(is_deadly: Callable[[Any], bool]) -> Executor:
             if is_deadly(task):
                 yield index, Died()
             else:
-                ((_, outcome),) = in_process(function, [task])
+                ((_, outcome),) = remembering(function, [task])
                 yield index, outcome
 
     return run

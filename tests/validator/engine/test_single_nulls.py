@@ -25,7 +25,7 @@ from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.testing.defect import with_cells
 
-SHARES = [12, pytest.param(1, marks=THOROUGH)]
+SHARES = [24, pytest.param(1, marks=THOROUGH)]
 """One of so many columns is tried."""
 
 

@@ -104,6 +104,16 @@ def task_of(built: Path) -> Callable[[SequenceClassifier | Unavailable], AuditTa
 
 NOBODY = Unavailable("none in this test")
 
+Step = tuple[int, int, str]
+
+
+@pytest.fixture(scope="module")
+def audited_alone(task_of: Any) -> tuple[Any, Parts, list[Step]]:
+    """What an audit in a process of its own finds, its parts, and what it tells of its steps; not to be changed."""
+    parts, told = Parts(), list[Step]()
+    document = audit_in_own_process(task_of(NOBODY), parts, lambda *step: told.append(step))
+    return document, parts, told
+
 
 def test_it_has_one_thread_whatever_the_environment_says(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -114,19 +124,17 @@ def test_it_has_one_thread_whatever_the_environment_says(task_of: Any, monkeypat
     assert os.environ["OMP_NUM_THREADS"] == "2"
 
 
-def test_it_finds_what_an_audit_here_finds(task_of: Any) -> None:
-    told: list[tuple[int, int, str]] = []
-    parts, same = Parts(), Parts()
-    document = audit_in_own_process(task_of(NOBODY), parts, lambda *step: told.append(step))
+def test_it_finds_what_an_audit_here_finds(task_of: Any, audited_alone: tuple[Any, Parts, list[Step]]) -> None:
+    document, parts, told = audited_alone
+    same = Parts()
     here = audit_here(task_of(NOBODY), same)
     assert [numbers(document), parts.keys()] == [pytest.approx(numbers(here), rel=1e-6, abs=1e-9), same.keys()]
     assert [step[2] for step in told] == [*parts, "done"]
     assert {step[1] for step in told} == {len(parts)}
 
 
-def test_processes_that_draw_change_no_bit(task_of: Any) -> None:
-    task = task_of(NOBODY)
-    assert audit_in_own_process(replace(task, jobs=2), Parts()) == audit_in_own_process(task, Parts())
+def test_processes_that_draw_change_no_bit(task_of: Any, audited_alone: tuple[Any, Parts, list[Step]]) -> None:
+    assert audit_in_own_process(replace(task_of(NOBODY), jobs=2), Parts()) == audited_alone[0]
 
 
 def test_a_process_that_has_others_compute_takes_no_inputs(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,9 +178,8 @@ def numbers(document: Any) -> list[float]:
     return [document] if isinstance(document, int | float) else []
 
 
-def test_a_known_part_is_not_computed(task_of: Any) -> None:
-    parts = Parts()
-    document = audit_in_own_process(task_of(NOBODY), parts)
+def test_a_known_part_is_not_computed(task_of: Any, audited_alone: tuple[Any, Parts, list[Step]]) -> None:
+    document, parts = audited_alone[0], Parts(audited_alone[1])
     parts["gate"] = {**parts["gate"], "reason": "known"}
     again = audit_in_own_process(task_of(NOBODY), parts)
     assert again == {**document, "gate": parts["gate"]}

@@ -54,7 +54,7 @@ def cut_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     return lambda: last[0]
 
 
-@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("step", [23, pytest.param(1, marks=pytest.mark.thorough)])
 def test_a_build_goes_on_after_a_cut_at_any_step(
     raw: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:

@@ -19,7 +19,7 @@ from branchdrive.contract.document import parse_json
 from branchdrive.contract.layer import LAYERS, part_of, table_file, table_path, table_paths
 from branchdrive.diff.compare import compare_datasets
 from branchdrive.engine.cache import Cache
-from branchdrive.engine.derived_rules import judge_part
+from branchdrive.engine.derived_rules import LayersTask, judge_part
 from branchdrive.engine.report import Report
 from branchdrive.engine.spool import SpooledFrames
 from branchdrive.engine.validate import validate
@@ -275,7 +275,7 @@ def test_tasks_on_a_part_name_its_files_and_no_others(two_parts: Path) -> None:
     tasks: list[Any] = []
 
     def noting(function: Any, some: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
-        tasks.extend(some if function is judge_part else ())
+        tasks.extend(task for task in some if isinstance(task, LayersTask))
         return in_process(function, some)
 
     assert validate(two_parts, executor=noting).verdict == "valid"

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal, TypeAlias
 
 import pyarrow as pa
 import pytest
 from tests import synthetic, synthetic_map
 from tests.audits import remembering
-from tests.content_cache import remembered
+from tests.content_cache import kept, remembered
 from tests.validator.engine.rules.benchmark_release import BenchmarkDraft
 from tests.validator.engine.rules.draft import Draft
 from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, release_draft
@@ -218,6 +219,18 @@ def judged(draft: Draft, folder: Path) -> Report:
     """Report on a draft that is written into `folder`; its raw dataset is named where it has one beside it."""
     root = draft.write(folder / "dataset")
     return judged_folder(root, raw=draft.raw_root(root) if isinstance(draft, ReleaseDraft) else None)
+
+
+def report_on(mutant: Mutant) -> Report:
+    """Report on a valid dataset with a defect, which is judged once a checkout."""
+
+    def judge() -> Report:
+        draft = new_draft(mutant.base)
+        mutant.edit(draft)
+        with TemporaryDirectory() as folder:
+            return judged(draft, Path(folder))
+
+    return kept(f"mutant-{mutant.rule}-{mutant.name}", judge)
 
 
 def judged_folder(root: Path, **options: Any) -> Report:

@@ -7,18 +7,18 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
+from tests.audits import validate_once
 from tests.mutation import Draft, new_draft
 from tests.synthetic import BRANCH_TICK, WINDOW_TICKS
 from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, STEER_LEFT
 
 from branchdrive.contract.columns import TICK_TABLES
-from branchdrive.engine.validate import validate
 
 END = BRANCH_TICK + WINDOW_TICKS
 
 
 def failed(draft: Draft, tmp_path: Path) -> dict[str, int]:
-    report = validate(draft.write(tmp_path / "dataset"))
+    report = validate_once(draft.write(tmp_path / "dataset"))
     assert report.errors == ()
     return {tally.rule_id: tally.num_findings for tally in report.tallies if tally.num_findings}
 

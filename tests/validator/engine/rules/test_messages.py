@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from tests.mutation import MUTANTS, new_draft
+from tests.mutation import MUTANTS
 from tests.sampling import sampled
-from tests.validator.engine.rules.case import judged
-
-from branchdrive.engine.validate import validate
+from tests.validator.engine.rules.case import report_on
 
 SPLIT_DIGEST = "728b7774e60b13d2ee76983dd03595e50dca6e7b689be09a32df290424830a17"
 """Digest of the split of the synthetic release."""
@@ -117,20 +113,14 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ),
     ], every=2),
 )  # fmt: skip
-def test_words_of_a_finding(rule: str, name: str, expected: str, found: str, tmp_path: Path) -> None:
-    mutant = BY_NAME[rule, name]
-    draft = new_draft(mutant.base)
-    mutant.edit(draft)
-    report = judged(draft, tmp_path)
-    words = [(finding.expected, finding.found) for finding in report.findings if finding.rule == rule]
+def test_words_of_a_finding(rule: str, name: str, expected: str, found: str) -> None:
+    findings = report_on(BY_NAME[rule, name]).findings
+    words = [(finding.expected, finding.found) for finding in findings if finding.rule == rule]
     assert (expected, found) in words
 
 
-def test_a_finding_is_one_sentence_with_its_place(tmp_path: Path) -> None:
-    mutant = BY_NAME["BD-CTL-008", "applied_beyond_the_tolerance"]
-    draft = new_draft()
-    mutant.edit(draft)
-    (finding,) = validate(draft.write(tmp_path / "dataset")).findings
+def test_a_finding_is_one_sentence_with_its_place() -> None:
+    (finding,) = report_on(BY_NAME["BD-CTL-008", "applied_beyond_the_tolerance"]).findings
     start = (
         "Applied control equals intended control while active: group_id=g0 rollout_id=g0.steer_left_0.10.a1 "
         "table=controls tick=110: expected steer -0.1"

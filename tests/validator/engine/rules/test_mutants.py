@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.mutation import MUTANTS, Mutant, new_draft
+from tests.mutation import MUTANTS, Mutant
 from tests.rule_examples import EXAMPLE_MUTANTS, EXAMPLES_PATH, example, without_numbers
 from tests.sampling import THOROUGH
-from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, judged
+from tests.validator.engine.rules.case import INHERITED, RECOMMENDED, report_on
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
@@ -33,10 +32,8 @@ def _parameters() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("mutant", [*_parameters()])
-def test_mutant_fails_exactly_its_rule(mutant: Mutant, tmp_path: Path) -> None:
-    draft = new_draft(mutant.base)
-    mutant.edit(draft)
-    report = judged(draft, tmp_path)
+def test_mutant_fails_exactly_its_rule(mutant: Mutant) -> None:
+    report = report_on(mutant)
 
     assert report.errors == ()
     failed = failed_rules(mutant, report)
