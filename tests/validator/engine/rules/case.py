@@ -21,6 +21,7 @@ from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, r
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
+from branchdrive.formats.place import Place
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.tables.content import table_digest
 
@@ -220,7 +221,7 @@ def judged(draft: Draft, folder: Path) -> Report:
     return judged_folder(root, raw=draft.raw_root(root) if isinstance(draft, ReleaseDraft) else None)
 
 
-def judged_folder(root: Path, **options: Any) -> Report:
+def judged_folder(root: Place, **options: Any) -> Report:
     """Report on the dataset at `root`; what was computed before of the same files is not computed again."""
     with pytest.MonkeyPatch.context() as patch:
         for place in PURE:
