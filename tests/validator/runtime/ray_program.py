@@ -6,10 +6,14 @@ import json
 import os
 import sys
 import threading
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from tests import synthetic, synthetic_release
+from tests.places import files_of
 from tests.validator.engine.datasets import DEPARTURES, write
+from tests.validator.release.running import LAYERS
 from tests.validator.runtime.tasks import (
     allocate,
     die_on_three,
@@ -25,6 +29,8 @@ from tests.validator.runtime.tasks import (
 from branchdrive.engine.cache import Cache
 from branchdrive.engine.validate import validate
 from branchdrive.errors import PlatformError
+from branchdrive.release.builder import build_release
+from branchdrive.release.stage import BuildOptions
 from branchdrive.runtime import ray_executor as module
 from branchdrive.runtime.executor import Executor, in_process, isolated
 
@@ -94,6 +100,22 @@ def two_nodes(place: Path) -> dict[str, Any]:
     return {"node killed": found}
 
 
+def built_in_parts(place: Path) -> dict[str, Any]:
+    """Digests of the files of a release of two parts, as workers of Ray and as processes of this machine build it."""
+    raw = place / "raw"
+    synthetic.write_dataset(raw, synthetic_release.raw_tables(), synthetic_release.raw_descriptor())
+    (raw / "raw/shard-00002").rename(raw / "raw/shard-00064")
+    synthetic.seal_dataset(raw)
+    found = {}
+    for name, executor in {"ray": module.ray_executor(jobs=2), "one process": isolated(1)}.items():
+        output = place / name.replace(" ", "-")
+        build_release(
+            raw, output=output, stages=LAYERS, options=BuildOptions(synthetic_release.SEED), executor=executor
+        )
+        found[name] = {path: sha256(content).hexdigest() for path, content in files_of(output).items()}
+    return found
+
+
 def waiting(place: Path) -> dict[str, Any]:
     """Wait for a task that does not end."""
     list(module.ray_executor(jobs=1)(sleep_and_tell, [str(place)]))
@@ -101,5 +123,8 @@ def waiting(place: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    what = {"one-machine": one_machine, "two-nodes": two_nodes, "waiting": waiting}[sys.argv[1]]
+    programs = {
+        "one-machine": one_machine, "two-nodes": two_nodes, "built-in-parts": built_in_parts, "waiting": waiting,
+    }  # fmt: skip
+    what = programs[sys.argv[1]]
     Path(sys.argv[3]).write_text(json.dumps(what(Path(sys.argv[2]))))

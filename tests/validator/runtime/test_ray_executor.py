@@ -108,6 +108,13 @@ def test_tasks_of_a_node_that_is_killed_run_on_another(tmp_path_factory: pytest.
     assert said("two-nodes", tmp_path_factory) == {"node killed": [str(2 * n) for n in range(12)]}
 
 
+@needs_ray
+def test_a_release_of_several_parts_has_the_bytes_of_one_machine(tmp_path_factory: pytest.TempPathFactory) -> None:
+    built = said("built-in-parts", tmp_path_factory)
+    assert built["ray"] == built["one process"]
+    assert {f"model/contexts-train-0000{part}.parquet" for part in (0, 1)} <= built["ray"].keys()
+
+
 def named(pid: int) -> str:
     """Command line of a process; empty where it has ended."""
     with suppress(OSError):

@@ -22,6 +22,7 @@ from tests.validator.engine.rules.release import ReleaseDraft, detached_draft, r
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
+from branchdrive.formats.place import Place
 from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.tables.content import table_digest
 
@@ -233,7 +234,7 @@ def report_on(mutant: Mutant) -> Report:
     return kept(f"mutant-{mutant.rule}-{mutant.name}", judge)
 
 
-def judged_folder(root: Path, **options: Any) -> Report:
+def judged_folder(root: Place, **options: Any) -> Report:
     """Report on the dataset at `root`; what was computed before of the same files is not computed again."""
     with pytest.MonkeyPatch.context() as patch:
         for place in PURE:

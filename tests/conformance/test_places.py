@@ -1,0 +1,114 @@
+"""Cases say the same in every place: in memory, in a bucket, in an archive, and from a cache.
+
+`make thorough` judges a tenth of them in all of these, `make test` a few, each in one place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import obstore
+import pytest
+from obstore.store import MemoryStore
+from tests.bucket_server import BucketServer, serving, use
+from tests.places import files_of, packed
+from tests.sampling import THOROUGH
+from tests.validator.engine.rules.case import judged_folder
+
+from branchdrive.engine.cache import Cache
+from branchdrive.engine.report import Report
+from branchdrive.engine.waiver import load_waivers
+from branchdrive.formats.place import Place, open_store
+from branchdrive_conformance.case import Case, cases_dir, load_cases
+from branchdrive_conformance.materialize import DATASET_DIR, RAW_DIR, WAIVERS_FILE, materialize
+
+KINDS = ("memory", "bucket", "archive", "cache")
+EVERY, FEW = 10, 120
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[BucketServer]:
+    with serving() as running, pytest.MonkeyPatch.context() as patch:
+        use(running, patch)
+        yield running
+
+
+def drawn(case: Case) -> int:
+    """A number of a case that changes with its name alone."""
+    return int.from_bytes(hashlib.sha256(case.name.encode()).digest()[:4])
+
+
+def has_equal(root: Path) -> bool:
+    """Whether other places than folders can hold what lies there: no link, no special file, no empty folder."""
+    paths = [*root.rglob("*")]
+    is_plain = all(not path.is_symlink() and (path.is_file() or path.is_dir()) for path in paths)
+    return is_plain and all(any(path.iterdir()) for path in paths if path.is_dir())
+
+
+def at(kind: str, root: Path, server: BucketServer) -> Place:
+    """The dataset of a case in a place of a kind; the cache is of the folder itself."""
+    match kind:
+        case "memory":
+            memory = MemoryStore()
+            for path, content in files_of(root).items():
+                obstore.put(memory, path, content)
+            return open_store(memory)
+        case "bucket":
+            server.objects.clear()
+            server.fill(root, "case")
+            return "s3://bucket/case"
+        case "archive":
+            return packed(root, root.with_suffix(".zip"))
+    return root
+
+
+def told(report: Report) -> dict[str, Any]:
+    """What a report says, but for where the dataset is and what of it an earlier run said."""
+    found = report.to_json()
+    found["conditions"] = [line for line in found["conditions"] if "earlier run" not in line]
+    del found["dataset"]["path"]
+    return {**found, "cached": None}
+
+
+def compare(case: Case, folder: Path, kinds: Sequence[str], server: BucketServer) -> int:
+    """Judge a case in its folder and in other places, and see that it is the same; the places that were tried."""
+    materialize(cases_dir(), case, folder)
+    root = folder / DATASET_DIR
+    if not has_equal(root):
+        return 0
+    options: dict[str, Any] = {
+        "raw": folder / RAW_DIR if case.raw is not None else None,
+        "waivers": load_waivers(folder / WAIVERS_FILE) if "waivers" in case.options else (),
+        "hash_files": case.options.get("hash", True),
+    }
+    expected = told(judged_folder(root, **options))
+    for kind in kinds:
+        caches: tuple[Cache | None, ...] = (None,)
+        if kind == "cache":
+            caches = (Cache(folder / "cache"), Cache(folder / "cache")) if options["hash_files"] else ()
+        for cache in caches:
+            assert told(judged_folder(at(kind, root, server), cache=cache, **options)) == expected, (case.name, kind)
+    return len(kinds)
+
+
+def test_some_cases_say_the_same_in_a_place_each(server: BucketServer, tmp_path: Path) -> None:
+    tried: Counter[str] = Counter()
+    for case in load_cases(cases_dir()):
+        if drawn(case) % FEW == 0:
+            kind = KINDS[drawn(case) // FEW % len(KINDS)]
+            tried[kind] += compare(case, tmp_path / "case", (kind,), server)
+            shutil.rmtree(tmp_path / "case")
+    assert min(tried[kind] for kind in KINDS) >= 1
+
+
+@THOROUGH
+def test_a_tenth_of_the_cases_say_the_same_everywhere(server: BucketServer, tmp_path: Path) -> None:
+    for case in load_cases(cases_dir()):
+        if drawn(case) % EVERY == 0:
+            compare(case, tmp_path / "case", KINDS, server)
+            shutil.rmtree(tmp_path / "case")
