@@ -71,12 +71,12 @@ class Evaluation:
     Attributes:
         results: Document ``results.json``.
         files: Results, tables and figures by path in the benchmark layer, such as ``figures/guard.png``.
-        by_type: Tables of regret by scenario type, which stand in no file; none where they are not asked for.
+        printed: Tables that stand in no file, as far as they were asked for.
     """
 
     results: dict[str, Any]
     files: dict[str, bytes]
-    by_type: Sequence[Table | Passage] = ()
+    printed: Sequence[Table | Passage] = ()
 
 
 def evaluate_published(
@@ -86,6 +86,7 @@ def evaluate_published(
     show: Update,
     with_figures: bool = True,
     with_types: bool = False,
+    with_clean_risk: bool = False,
 ) -> Evaluation:
     """Evaluate the published predictions, and publish results, tables and figures beside them.
 
@@ -95,6 +96,7 @@ def evaluate_published(
         show: Told how far it is.
         with_figures: Whether figures are drawn.
         with_types: Whether regret is broken down by scenario type too.
+        with_clean_risk: Whether the risk of a whole drive is learned and selected with.
 
     Raises:
         UsageError: Nothing is predicted.
@@ -123,7 +125,12 @@ def evaluate_published(
         protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes,
         further_risks=further_risks_of(ranking_lock), description=_description(release, data, lock),
     )  # fmt: skip
-    by_type = _by_type(release, ResultInputs.of(protocol, data, predictions), contexts) if with_types else ()
+    inputs = ResultInputs.of(protocol, data, predictions)
+    printed = _by_type(release, inputs, contexts) if with_types else []
+    if with_clean_risk:
+        from branchdrive_reference.benchmark.clean_risk import clean_sections
+
+        printed += clean_sections(inputs, contexts)
     show(2, 4, "figures")
     rendered = render_files(
         release, protocol, results, latency=release.document(LATENCY_FILE), with_figures=with_figures
@@ -133,7 +140,7 @@ def evaluate_published(
     workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in rendered.items()})
     workspace.drop(RISK)  # the ranking lock holds it
     show(4, 4)
-    return Evaluation(results, rendered, by_type)
+    return Evaluation(results, rendered, printed)
 
 
 def evaluate_foreign(

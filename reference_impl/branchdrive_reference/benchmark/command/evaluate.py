@@ -53,6 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--by-type", action="store_true", help="print regret by scenario type too; no file of the release has it"
     )
+    parser.add_argument(
+        "--clean-risk",
+        action="store_true",
+        help="learn how probable a drive is that is clean to its end, and print its calibration and choices with it",
+    )
     add_no_figures(parser)
     add_format(parser)
     add_protocol(parser)
@@ -80,8 +85,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         raise UsageError("`--predictions` and `--name` need each other; give both or neither")
     if args.predictions is None and args.output is not None:
         raise UsageError("`--output` needs `--predictions`; without it, results are published in the release")
-    if args.by_type and (args.predictions is not None or args.format == "json"):
-        raise UsageError("`--by-type` prints tables of the published models; leave out `--predictions` and JSON")
+    if (args.by_type or args.clean_risk) and (args.predictions is not None or args.format == "json"):
+        raise UsageError(
+            "`--by-type` and `--clean-risk` print tables of the published models; leave out `--predictions` and JSON"
+        )
     if not args.no_figures and (args.predictions is None or args.output is not None):
         need_plots()
     if args.predictions is None:
@@ -89,7 +96,12 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
         with at_work(args.release, args.protocol) as (workspace, protocol), bars(stderr)("evaluating") as show:
             found = evaluate_published(
-                workspace, protocol, show=show, with_figures=not args.no_figures, with_types=args.by_type
+                workspace,
+                protocol,
+                show=show,
+                with_figures=not args.no_figures,
+                with_types=args.by_type,
+                with_clean_risk=args.clean_risk,
             )
     else:
         check_output(args.output, outside=args.release, is_folder=True)
@@ -132,11 +144,11 @@ def format_evaluation(found: Evaluation, form: str, stdout: TextIO, folder: Path
     if form == "text":
         said = render_results(found.results, stdout, tables=None if folder is None else str(folder / "TABLES.md"))
         return said + "".join(
-            render(partial(print_section, section=section), stdout) + "\n" for section in found.by_type
+            render(partial(print_section, section=section), stdout) + "\n" for section in found.printed
         )
     said = found.files["TABLES.md" if form == "markdown" else "results.json"].decode()
     warnings = found.results["warnings"]
-    return said + "".join("\n" + "\n".join(section_lines(section, warnings)) + "\n" for section in found.by_type)
+    return said + "".join("\n" + "\n".join(section_lines(section, warnings)) + "\n" for section in found.printed)
 
 
 def render_results(results: Mapping[str, Any], stdout: TextIO, *, tables: str | None = None) -> str:
