@@ -25,10 +25,12 @@ from branchdrive.benchmark.lock import (
 )
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.description import describe, described_checkpoints
-from branchdrive.benchmark.prediction.inputs import utility_scale
+from branchdrive.benchmark.prediction.inputs import ResultInputs, utility_scale
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.protocol.selection import MEAN
+from branchdrive.benchmark.ranking.by_type import ACCELERATE, type_sections
+from branchdrive.benchmark.ranking.context import Contexts
 from branchdrive.benchmark.ranking.noise import OutcomeNoise
 from branchdrive.benchmark.ranking.noise import noise_of as stored_noise
 from branchdrive.benchmark.results import results_document
@@ -49,6 +51,7 @@ from branchdrive.contract.layout import (
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.quality.ledger import BENCHMARK_ACCESSES, Ledger, accesses, with_benchmark_access
 from branchdrive.tables.arrow import from_arrow
+from branchdrive.text.table import Passage, Table
 from branchdrive_reference.benchmark.document import RISK, stored_document, waiting_risks
 from branchdrive_reference.benchmark.foreign import mean_predictions
 from branchdrive_reference.benchmark.lock import read_lock
@@ -68,16 +71,32 @@ class Evaluation:
     Attributes:
         results: Document ``results.json``.
         files: Results, tables and figures by path in the benchmark layer, such as ``figures/guard.png``.
+        printed: Tables that stand in no file, as far as they were asked for.
     """
 
     results: dict[str, Any]
     files: dict[str, bytes]
+    printed: Sequence[Table | Passage] = ()
 
 
 def evaluate_published(
-    workspace: Workspace, protocol: BenchmarkProtocol, *, show: Update, with_figures: bool = True
+    workspace: Workspace,
+    protocol: BenchmarkProtocol,
+    *,
+    show: Update,
+    with_figures: bool = True,
+    with_types: bool = False,
+    with_clean_risk: bool = False,
 ) -> Evaluation:
     """Evaluate the published predictions, and publish results, tables and figures beside them.
+
+    Args:
+        workspace: The working area of the release.
+        protocol: The one in force.
+        show: Told how far it is.
+        with_figures: Whether figures are drawn.
+        with_types: Whether regret is broken down by scenario type too.
+        with_clean_risk: Whether the risk of a whole drive is learned and selected with.
 
     Raises:
         UsageError: Nothing is predicted.
@@ -101,10 +120,17 @@ def evaluate_published(
     show(1, 4, "statistics")
     notes = _warnings(release, ledger, data, protocol, unlocked_models(lock, predictions), _changed(release, lock))
     risk, noise = risk_fit_of(ranking_lock), _stored_noise(ranking_lock)
+    contexts = baseline_contexts(release, protocol, data)
     results = results_document(
-        protocol, data, predictions, risk, noise, contexts=baseline_contexts(release, protocol, data), warnings=notes,
+        protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes,
         further_risks=further_risks_of(ranking_lock), description=_description(release, data, lock),
     )  # fmt: skip
+    inputs = ResultInputs.of(protocol, data, predictions)
+    printed = _by_type(release, inputs, contexts) if with_types else []
+    if with_clean_risk:
+        from branchdrive_reference.benchmark.clean_risk import clean_sections
+
+        printed += clean_sections(inputs, contexts)
     show(2, 4, "figures")
     rendered = render_files(
         release, protocol, results, latency=release.document(LATENCY_FILE), with_figures=with_figures
@@ -114,7 +140,7 @@ def evaluate_published(
     workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in rendered.items()})
     workspace.drop(RISK)  # the ranking lock holds it
     show(4, 4)
-    return Evaluation(results, rendered)
+    return Evaluation(results, rendered, printed)
 
 
 def evaluate_foreign(
@@ -153,6 +179,15 @@ def evaluate_foreign(
         further_risks=further, description=_description(release, data, lock if unevaluated is None else None),
     )  # fmt: skip
     return Evaluation(results, render_files(release, protocol, results, with_figures=with_figures))
+
+
+def _by_type(release: Release, inputs: ResultInputs, contexts: Contexts | None) -> list[Table | Passage]:
+    """Tables of regret by scenario type."""
+    table = from_arrow(read_layer_table(release.layer.folder, "contexts"), "contexts")
+    types = dict(zip(table["group_id"].tolist(), table["scenario_type"].tolist(), strict=True))
+    policies = release.layer.descriptor.action_bank.policies
+    accelerating = [place for place, policy in enumerate(policies) if policy.family == ACCELERATE]
+    return type_sections(inputs, contexts, types, accelerating)
 
 
 def _description(release: Release, data: BenchmarkData, lock: Any | None) -> dict[str, Any]:

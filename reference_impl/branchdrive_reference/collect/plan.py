@@ -24,6 +24,7 @@ from branchdrive_reference.town.signal import ENVIRONMENTS
 __all__ = [
     "BRANCH_PRESETS",
     "CONSEQUENTIAL",
+    "DEEP",
     "FAULT_PRESETS",
     "PRESETS",
     "PlannedGroup",
@@ -149,6 +150,17 @@ CONSEQUENTIAL = (
 """Scenario types whose consequence lies inside the window: who accelerates at the manoeuvre touches something within
 2.5 s in two drives of five or more, docs/decisions/0022-branches-in-context.md."""
 
+DEEP = (
+    "AccidentTwoWays",
+    "CrossingBicycleFlow",
+    "HardBrakeRoute",
+    "HazardAtSideLaneTwoWays",
+    "HighwayCutIn",
+    "OppositeVehicleTakingPriority",
+)
+"""Consequential types in which others move, and in which accelerating touches something neither almost always nor
+seldom, without two in which a table by type is nearly right; docs/decisions/0045-deep-and-trees.md."""
+
 PRESETS: Mapping[str, Preset] = {
     "demo": Preset(num_groups=29),
     "benchmark": Preset(
@@ -162,6 +174,13 @@ PRESETS: Mapping[str, Preset] = {
         faults=_BENCHMARK_FAULTS,
         branches={BranchKind.EARLY: 0.1, BranchKind.QUIET: 0.6},
         scenario_types=CONSEQUENTIAL,
+    ),
+    "deep": Preset(
+        num_groups=900,
+        replay_noise=1.0,
+        faults=_BENCHMARK_FAULTS,
+        branches={BranchKind.EARLY: 0.4},
+        scenario_types=DEEP,
     ),
     "paper": Preset(
         num_groups=2_467,

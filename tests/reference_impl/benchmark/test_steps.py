@@ -103,6 +103,18 @@ def test_trees_without_their_library_are_refused_before_anything_is_trained(
         invoke("train", release, "--protocol", "trees", "--no-guard")
 
 
+def test_regret_by_type_is_printed_and_changes_no_file(benchmarked: Path) -> None:
+    before = contents(benchmarked)
+    with pytest.raises(UsageError, match="leave out `--predictions` and JSON"):
+        invoke("evaluate", benchmarked, "--no-figures", "--by-type", "--format", "json")
+    tables = invoke("evaluate", benchmarked, "--no-figures", "--by-type", "--format", "markdown")
+    assert tables.startswith(before["benchmark/TABLES.md"].decode())
+    assert tables.count("\n## Regret by scenario type, profile ") == 5
+    assert "| all types | 4 | 4 |" in tables
+    assert "Regret by scenario type, profile balanced\n" in invoke("evaluate", benchmarked, "--no-figures", "--by-type")
+    assert contents(benchmarked) == before
+
+
 def interrupt_training(release: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Train, and stop after the first epoch of M2."""
 

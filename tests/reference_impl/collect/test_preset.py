@@ -6,7 +6,7 @@ import pytest
 
 from branchdrive_reference.collect.campaign import collection_descriptor
 from branchdrive_reference.collect.fault import Fault
-from branchdrive_reference.collect.plan import BRANCH_PRESETS, FAULT_PRESETS, PRESETS, select_scenarios
+from branchdrive_reference.collect.plan import BRANCH_PRESETS, CONSEQUENTIAL, FAULT_PRESETS, PRESETS, select_scenarios
 from branchdrive_reference.scenarios.registry import SCENARIOS
 
 
@@ -16,7 +16,7 @@ def test_the_demo_has_every_scenario_type_once_exact_and_faultless() -> None:
     assert "demo" not in FAULT_PRESETS
 
 
-@pytest.mark.parametrize("name", ["benchmark", "context", "paper"])
+@pytest.mark.parametrize("name", ["benchmark", "context", "deep", "paper"])
 def test_the_others_are_noisy_and_have_every_fault(name: str) -> None:
     preset = PRESETS[name]
     assert preset.replay_noise == 1.0
@@ -45,9 +45,17 @@ def test_a_descriptor_declares_what_is_switched_on(name: str) -> None:
     assert all(type(key) is str for key in declared.faults)
 
 
-def test_context_alone_asks_for_other_kinds_of_branch() -> None:
-    assert BRANCH_PRESETS == {"context": {"early": 0.1, "quiet": 0.6}}
-    assert select_scenarios(PRESETS["context"].scenario_types) == PRESETS["context"].scenario_types
+def test_two_presets_ask_for_other_kinds_of_branch() -> None:
+    assert BRANCH_PRESETS == {"context": {"early": 0.1, "quiet": 0.6}, "deep": {"early": 0.4}}
+    for name in BRANCH_PRESETS:
+        assert select_scenarios(PRESETS[name].scenario_types) == PRESETS[name].scenario_types
+
+
+def test_deep_asks_much_of_few_types_whose_consequence_lies_in_the_window() -> None:
+    deep = PRESETS["deep"]
+    assert 6 <= len(deep.scenario_types) <= 8
+    assert set(deep.scenario_types) < set(CONSEQUENTIAL)
+    assert deep.num_groups >= 120 * len(deep.scenario_types)
 
 
 def test_without_other_kinds_a_descriptor_says_nothing_of_them() -> None:

@@ -51,6 +51,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", metavar="DIR", type=Path, help="write results, tables and figures of --predictions there"
     )
+    parser.add_argument(
+        "--by-type", action="store_true", help="print regret by scenario type too; no file of the release has it"
+    )
+    parser.add_argument(
+        "--clean-risk",
+        action="store_true",
+        help="learn how probable a drive is that is clean to its end, and print its calibration and choices with it",
+    )
     add_no_figures(parser)
     add_format(parser)
     add_protocol(parser)
@@ -78,6 +86,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         raise UsageError("`--predictions` and `--name` need each other; give both or neither")
     if args.predictions is None and args.output is not None:
         raise UsageError("`--output` needs `--predictions`; without it, results are published in the release")
+    if (args.by_type or args.clean_risk) and (args.predictions is not None or args.format == "json"):
+        raise UsageError(
+            "`--by-type` and `--clean-risk` print tables of the published models; leave out `--predictions` and JSON"
+        )
     if not args.no_figures and (args.predictions is None or args.output is not None):
         need_plots()
     if args.predictions is None:
@@ -85,7 +97,14 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
         release = local(args.release, "`evaluate` without `--predictions`")
         with at_work(release, args.protocol) as (workspace, protocol), bars(stderr)("evaluating") as show:
-            found = evaluate_published(workspace, protocol, show=show, with_figures=not args.no_figures)
+            found = evaluate_published(
+                workspace,
+                protocol,
+                show=show,
+                with_figures=not args.no_figures,
+                with_types=args.by_type,
+                with_clean_risk=args.clean_risk,
+            )
         folder = release / BENCHMARK
     else:
         check_output(args.output, outside=args.release, is_folder=True)
@@ -121,9 +140,17 @@ def _foreign(args: argparse.Namespace) -> Evaluation:
 
 def format_evaluation(found: Evaluation, form: str, stdout: TextIO, folder: Path | None) -> str:
     """The evaluation as text, Markdown or JSON; text names the folder that the tables are in, if there is one."""
+    from branchdrive.text.markdown import section_lines
+    from branchdrive.text.terminal import print_section, render
+
     if form == "text":
-        return render_results(found.results, stdout, tables=None if folder is None else str(folder / "TABLES.md"))
-    return found.files["TABLES.md" if form == "markdown" else "results.json"].decode()
+        said = render_results(found.results, stdout, tables=None if folder is None else str(folder / "TABLES.md"))
+        return said + "".join(
+            render(partial(print_section, section=section), stdout) + "\n" for section in found.printed
+        )
+    said = found.files["TABLES.md" if form == "markdown" else "results.json"].decode()
+    warnings = found.results["warnings"]
+    return said + "".join("\n" + "\n".join(section_lines(section, warnings)) + "\n" for section in found.printed)
 
 
 def render_results(results: Mapping[str, Any], stdout: TextIO, *, tables: str | None = None) -> str:

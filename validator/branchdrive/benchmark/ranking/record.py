@@ -41,7 +41,7 @@ from branchdrive.statistics.bca import Intervals, intervals
 from branchdrive.statistics.bootstrap import Design, counted_mean
 from branchdrive.statistics.rounding import number, numbers
 
-__all__ = ["action_prior", "ranking_results", "scale_record"]
+__all__ = ["action_prior", "ranked_profile", "ranking_results", "scale_record"]
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def ranking_results(
     rankings: dict[str, Ranking] = {}
     for name in protocol.preferences:
         try:
-            ranking, about = _ranked(inputs, name, contexts)
+            ranking, about = ranked_profile(inputs, name, contexts)
         except ValueError as error:
             left_out.append({"profile": name, "reason": str(error)})
             continue
@@ -155,7 +155,12 @@ def _held_records(inputs: ResultInputs, profile: str, ranking: Ranking) -> list[
     ]
 
 
-def _ranked(inputs: ResultInputs, name: str, contexts: Contexts | None) -> tuple[Ranking, dict[str, Any]]:
+def ranked_profile(inputs: ResultInputs, name: str, contexts: Contexts | None) -> tuple[Ranking, dict[str, Any]]:
+    """The ranking of the reported groups under a profile, and what is said of its population and constants.
+
+    Raises:
+        ValueError: No group can be ranked, or none of training has all its utilities.
+    """
     protocol, data, scale = inputs.protocol, inputs.data, inputs.utility_scale
     partitions, profile = protocol.partitions, protocol.preferences[name]
     prior = action_prior(inputs, name)
