@@ -181,7 +181,7 @@ def baseline_contexts(release: Release, protocol: BenchmarkProtocol, data: Bench
     def frame_of(name: str) -> dict[str, Values]:
         return from_arrow(read_layer_table(release.layer.folder, name), name)
 
-    return contexts_of(frame_of, data, protocol.baselines) if protocol.baselines else None
+    return contexts_of(frame_of, data.groups, protocol.baselines) if protocol.baselines else None
 
 
 def published_predictions(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> PredictionSet:

@@ -21,11 +21,13 @@ from branchdrive_reference.town.track import EGO_TRACK
 from branchdrive_reference.world.body import EGO
 from branchdrive_reference.world.priority import AT_LINE_M, STOPPED_MPS
 
-__all__ = ["NO_LIGHT", "Completion", "Ending", "EndingRule", "LineMonitor", "governing_light"]
+__all__ = ["NO_LIGHT", "RECOVERY_TICKS", "Completion", "Ending", "EndingRule", "LineMonitor", "governing_light"]
 
 Completion: TypeAlias = Literal["completed", "timeout", "blocked", "deviated"]
 
-_RECOVERY_TICKS = 100
+RECOVERY_TICKS = 100
+"""Ticks that an intervention may take longer than the nominal rollout."""
+
 _BLOCKED_TICKS = 400
 _STANDSTILL_MPS = 0.05
 _DEVIATED_M = 30.0
@@ -58,7 +60,7 @@ class EndingRule:
     def __init__(self, timeout_ticks: int, branch_tick: int | None, nominal_ticks: int | None) -> None:
         self._timeout_ticks = timeout_ticks
         self._required_ticks = 0 if branch_tick is None else branch_tick + ACTIVE_TICKS + MARGIN_TICKS
-        self._limit_ticks = None if nominal_ticks is None else nominal_ticks + _RECOVERY_TICKS
+        self._limit_ticks = None if nominal_ticks is None else nominal_ticks + RECOVERY_TICKS
         self._standing_ticks = 0
 
     @property

@@ -21,7 +21,7 @@ from branchdrive_reference.simulation.log import Logger, RolloutLog
 from branchdrive_reference.simulation.spec import WorldSpec
 from branchdrive_reference.simulation.world import World
 
-__all__ = ["Run", "find_branch", "run"]
+__all__ = ["Passage", "Run", "find_branch", "run"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +59,50 @@ class Run:
         return (ticks >= self.branch_tick) & (ticks < self.branch_tick + self.policy.duration_ticks)
 
 
-def _commands(values: NDArray[np.float32]) -> Command:
-    steer, throttle, brake = values.T
-    return Command(steer, throttle, brake)
+class Passage:
+    """A rollout under way: the expert thinks on the present tick, and a command takes the world to the next.
+
+    Args:
+        spec: The world.
+        branch_tick: Where an intervention takes over; ``None`` where none does.
+        nominal_ticks: Length of the nominal rollout that it belongs to.
+    """
+
+    def __init__(self, spec: WorldSpec, *, branch_tick: int | None = None, nominal_ticks: int | None = None) -> None:
+        self._world = World(spec)
+        self._rule = EndingRule(spec.timeout_ticks, branch_tick, nominal_ticks)
+        self._logger = Logger(self._rule.max_ticks, len(self._world.bodies))
+        self._ending: Ending | None = None
+
+    @property
+    def tick(self) -> int:
+        """Ticks that were executed."""
+        return self._world.tick
+
+    def think(self) -> Command | None:
+        """The expert's command of the present tick, float32, as recorded; ``None`` where the rollout is over."""
+        self._world.think()
+        self._ending = self._rule.check(self._world)
+        return None if self._ending is not None else Command(*self._logger.begin_tick(self._world))
+
+    def act(self, command: Command) -> None:
+        """Drive the ego with a command for one tick, after `think`."""
+        applied = np.asarray(command, np.float32)
+        self._world.act(*applied.tolist())
+        self._logger.end_tick(self._world, applied)
+
+    def run(self, policy: Policy, branch_tick: int | None, nominal: NDArray[np.float32] | None) -> Run:
+        """What was executed so far; before its end with the present tick, whose command is still 0.
+
+        Args:
+            policy: The policy that it is recorded under.
+            branch_tick: Where the policy took over.
+            nominal: Stored nominal commands, float32 ``[nominal ticks, 3]``.
+        """
+        is_over = self._ending is not None
+        log = self._logger.finish(self._world.tick + (not is_over))
+        ending = self._ending or Ending("timeout", "under way", "under way")
+        return Run(self._world.spec, policy, branch_tick, nominal, log, ending, self._world.scene.hazard_tick)
 
 
 def run(
@@ -87,23 +128,14 @@ def run(
         branch_tick = nominal = None
     elif branch_tick is None or nominal is None or len(nominal) < branch_tick + policy.duration_ticks:
         raise UsageError(f"policy {policy.key!r} needs a branch tick and nominal commands up to its end")
-    world = World(spec)
-    rule = EndingRule(spec.timeout_ticks, branch_tick, None if nominal is None else len(nominal))
-    logger = Logger(rule.max_ticks, len(world.bodies))
-    while True:
-        world.think()
-        ending = rule.check(world)
-        if ending is not None:
-            log = logger.finish(world.tick)
-            return Run(spec, policy, branch_tick, nominal, log, ending, world.scene.hazard_tick)
-        applied = logger.begin_tick(world)
+    passage = Passage(spec, branch_tick=branch_tick, nominal_ticks=None if nominal is None else len(nominal))
+    while (command := passage.think()) is not None:
         if branch_tick is not None and nominal is not None:
-            since_branch = world.tick - branch_tick
+            since_branch = passage.tick - branch_tick
             if 0 <= since_branch < policy.duration_ticks:
-                command = policy.command(_commands(applied), _commands(nominal[world.tick]))
-                applied = np.asarray(command, np.float32)
-        world.act(*applied.tolist())
-        logger.end_tick(world, applied)
+                command = policy.command(command, Command(*nominal[passage.tick]))
+        passage.act(command)
+    return passage.run(policy, branch_tick, nominal)
 
 
 def find_branch(nominal: Run) -> Branch | None:

@@ -235,7 +235,7 @@ def seen_of(view: ReleaseView) -> Contexts | None:
     if not baselines:
         return None
     try:
-        return contexts_of(view.frame, view.cached(data_of), baselines)
+        return contexts_of(view.frame, view.cached(data_of).groups, baselines)
     except DatasetError as error:
         raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 

@@ -21,12 +21,12 @@ from branchdrive.contract.timing import ACTIVE_TICKS, CONTROL_HISTORY_TICKS, OBS
 from branchdrive.driving.route import project
 from branchdrive.raw.rollout import Rollout
 
-__all__ = ["Drive", "drive"]
+__all__ = ["RECOVERY_TICKS", "Drive", "Passage", "drive"]
 
 _GOAL_M = 2.0
 """How far before the last vertex of its route a drive is completed."""
 
-_RECOVERY_TICKS = 100
+RECOVERY_TICKS = 100
 """Ticks that an intervention may take longer than the nominal rollout."""
 
 
@@ -92,6 +92,78 @@ def _no_frames(_: int) -> None:
     """No images are taken."""
 
 
+class Passage:
+    """A drive under way: the expert thinks on the present tick, and a command takes the world to the next.
+
+    Args:
+        world: The world, at tick 0 of the run's scene.
+        run: What is filled; its branch and nominal commands decide when it is over at the latest.
+        max_ticks: Ticks after which the route is given up.
+        recovery_ticks: Ticks that an intervention may take longer than the nominal rollout.
+        take_frames: Called with the tick of every saved observation, while the world is there.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        run: Drive,
+        *,
+        max_ticks: int,
+        recovery_ticks: int = RECOVERY_TICKS,
+        take_frames: Callable[[int], None] = _no_frames,
+    ) -> None:
+        self.run = run
+        self._world, self._take_frames = world, take_frames
+        self._is_over = _end_rule(run, max_ticks, recovery_ticks)
+        self._expert = Command(*np.zeros(3, np.float32))
+
+    @property
+    def tick(self) -> int:
+        """Ticks that were executed."""
+        return self.run.num_ticks
+
+    def think(self) -> Command | None:
+        """The expert's command of the present tick, float32, as recorded; ``None`` where the drive is over.
+
+        Raises:
+            WorldError: The simulator cannot go on.
+        """
+        run, world, tick = self.run, self._world, self.tick
+        is_saved = tick % OBSERVATION_STRIDE_TICKS == 0
+        observation, actors, decision = world.observe(), world.actors() if is_saved else (), world.expert()
+        if is_saved:
+            self._take_frames(tick)
+        run.observations.append(observation)
+        run.decisions.append(decision)
+        if is_saved:
+            run.actors.append(list(actors))
+            if self._is_over():
+                return None
+        self._expert = Command(*np.array([decision.steer, decision.throttle, decision.brake], np.float32))
+        return self._expert
+
+    def act(self, command: Command) -> None:
+        """Drive the ego with a command for one tick, after `think`.
+
+        Raises:
+            WorldError: The simulator cannot go on.
+        """
+        self._world.step(command)
+        self.run.expert.append(self._expert)
+        self.run.applied.append(command)
+
+    def fail(self, error: WorldError) -> None:
+        """End the run where the simulator failed.
+
+        Raises:
+            WorldError: That error, before the first tick was over.
+        """
+        if not self.run.applied:
+            raise error
+        self.run.completion, self.run.termination = "aborted", "simulator failed"
+        self.run.partial_because = str(error)
+
+
 def drive(
     world: World,
     seed: int,
@@ -116,30 +188,13 @@ def drive(
     """
     scene = world.reset(seed)
     run = Drive(scene, policy, None, None) if nominal is None else _replay(scene, policy, nominal)
-    is_over = _end_rule(run, max_ticks)
+    passage = Passage(world, run, max_ticks=max_ticks, take_frames=take_frames)
     try:
-        while True:
-            tick = run.num_ticks
-            is_saved = tick % OBSERVATION_STRIDE_TICKS == 0
-            observation, actors, decision = world.observe(), world.actors() if is_saved else (), world.expert()
-            if is_saved:
-                take_frames(tick)
-            run.observations.append(observation)
-            run.decisions.append(decision)
-            if is_saved:
-                run.actors.append(list(actors))
-                if is_over():
-                    return run
-            expert = Command(*np.array([decision.steer, decision.throttle, decision.brake], np.float32))
-            applied = _command(run, tick, expert)
-            world.step(applied)
-            run.expert.append(expert)
-            run.applied.append(applied)
+        while (expert := passage.think()) is not None:
+            passage.act(_command(run, run.num_ticks, expert))
     except WorldError as error:
-        if not run.applied:
-            raise
-        run.completion, run.termination, run.partial_because = "aborted", "simulator failed", str(error)
-        return run
+        passage.fail(error)
+    return run
 
 
 def _replay(scene: Scene, policy: Policy, nominal: Rollout) -> Drive:
@@ -156,12 +211,12 @@ def _command(run: Drive, tick: int, expert: Command) -> Command:
     return run.policy.command(expert, Command(*run.nominal[tick]))
 
 
-def _end_rule(run: Drive, max_ticks: int) -> Callable[[], bool]:
+def _end_rule(run: Drive, max_ticks: int, recovery_ticks: int) -> Callable[[], bool]:
     """Whether the rollout ends at the present saved observation, and how."""
     route_x, route_y = (np.asarray(values, np.float64) for values in (run.scene.route_x_m, run.scene.route_y_m))
     goal_m = float(np.hypot(np.diff(route_x), np.diff(route_y)).sum()) - _GOAL_M
     required = 0 if run.branch_tick is None else run.branch_tick + ACTIVE_TICKS + MARGIN_TICKS
-    limit = max_ticks if run.nominal is None else max(required, min(max_ticks, len(run.nominal) + _RECOVERY_TICKS))
+    limit = max_ticks if run.nominal is None else max(required, min(max_ticks, len(run.nominal) + recovery_ticks))
 
     def is_over() -> bool:
         if run.num_ticks < required:

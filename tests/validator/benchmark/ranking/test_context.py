@@ -24,7 +24,7 @@ DECLARED: tuple[Baseline, ...] = (
 def test_labels_and_histories_are_those_of_the_groups() -> None:
     frames = make_frames()
     data = BenchmarkData.of(frames, DESCRIPTOR.action_bank)
-    found = contexts_of(frames.__getitem__, data, DECLARED)
+    found = contexts_of(frames.__getitem__, data.groups, DECLARED)
     groups = data.part("train").groups
     context = frames["contexts"]
     towns = dict(zip(context["group_id"].tolist(), context["town"].tolist(), strict=True))
@@ -51,10 +51,10 @@ def test_tables_that_no_baseline_sees_are_not_read() -> None:
         return frames[name]
 
     by_type = Prior(name="t", kind="prior", by=("scenario_type",), strength=1.0)
-    assert list(contexts_of(frame_of, data, [by_type]).labels) == ["scenario_type"]
+    assert list(contexts_of(frame_of, data.groups, [by_type]).labels) == ["scenario_type"]
     assert read == ["contexts"]
     read.clear()
-    contexts_of(frame_of, data, DECLARED[1:2])
+    contexts_of(frame_of, data.groups, DECLARED[1:2])
     assert read == ["state", "past_controls"]
 
 
@@ -63,7 +63,7 @@ def test_what_a_dataset_lacks_is_a_label_of_its_own_or_no_history() -> None:
     size = len(frames["state"]["group_id"])
     frames["state"]["speed_limit_mps"] = np.ma.masked_array(np.zeros(size), np.ones(size, bool))
     data = BenchmarkData.of(frames, BARE.action_bank)
-    found = contexts_of(frames.__getitem__, data, DECLARED)
+    found = contexts_of(frames.__getitem__, data.groups, DECLARED)
     assert set(found.labels["speed_limit"]) == {None}
     assert found.history("privileged", data.part("train").groups) is None
 

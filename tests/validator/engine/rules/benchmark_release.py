@@ -82,7 +82,7 @@ class BenchmarkDraft(ReleaseDraft):
     @property
     def contexts(self) -> Contexts | None:
         declared = self.protocol.baselines
-        return contexts_of(self.frame, self.data, declared) if declared else None
+        return contexts_of(self.frame, self.data.groups, declared) if declared else None
 
     @property
     def predictions(self) -> PredictionSet:

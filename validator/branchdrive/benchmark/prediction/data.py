@@ -116,6 +116,11 @@ class BenchmarkData:
             tuple(i for i, policy in enumerate(bank.policies) if policy.family == BRAKE),
         )
 
+    @property
+    def groups(self) -> list[str]:
+        """Ids of the groups of all partitions, sorted."""
+        return sorted(group for part in self.parts.values() for group in part.groups)
+
     def part(self, partition: str) -> Part:
         """A partition.
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.protocol.selection import Baseline, Prior
 from branchdrive.driving.feature import InputContract
 from branchdrive.errors import DatasetError
@@ -62,23 +61,36 @@ class Contexts:
         found = self.histories[contract]
         return None if found is None else found[[self.row[group] for group in groups]]
 
+    def joined(self, other: Contexts) -> Contexts:
+        """These groups and others, of which the same was seen.
+
+        Raises:
+            KeyError: The others lack a label or a history.
+        """
+        row = {**self.row, **{group: len(self.row) + place for group, place in other.row.items()}}
+        labels = {feature: [*values, *other.labels[feature]] for feature, values in self.labels.items()}
+        histories: dict[str, Array | None] = {}
+        for contract, values in self.histories.items():
+            further = other.histories[contract]
+            histories[contract] = None if values is None or further is None else np.concatenate([values, further])
+        return Contexts(row, labels, histories)
+
     def __repr__(self) -> str:
         shapes = {name: None if found is None else list(found.shape) for name, found in self.histories.items()}
         return f"Contexts({len(self.row)} groups, labels {sorted(self.labels)}, histories {shapes})"
 
 
-def contexts_of(frame_of: Callable[[str], Frame], data: BenchmarkData, declared: Sequence[Baseline]) -> Contexts:
+def contexts_of(frame_of: Callable[[str], Frame], groups: Sequence[str], declared: Sequence[Baseline]) -> Contexts:
     """What the declared baselines see, and nothing else is read.
 
     Args:
         frame_of: Gives a table of the model layer.
-        data: The model layer as it is judged.
+        groups: Ids of all groups of these tables.
         declared: Baselines.
 
     Raises:
         DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is not a number.
     """
-    groups = sorted(group for part in data.parts.values() for group in part.groups)
     features = {feature for baseline in declared if isinstance(baseline, Prior) for feature in baseline.by}
     contracts = {baseline.contract for baseline in declared if not isinstance(baseline, Prior)}
     labels: dict[str, Sequence[Hashable]] = {}

@@ -1,0 +1,210 @@
+"""Tables of a run, with what may and may not be concluded at their head."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from branchdrive.benchmark.cell import number, with_ends
+from branchdrive.benchmark.ranking.selected_table import percents
+from branchdrive.contract.text import NONE, counted
+from branchdrive.statistics.bca import LEAST_UNITS
+from branchdrive.statistics.sign_flip import p_text
+from branchdrive.text.markdown import section_lines
+from branchdrive.text.table import Column, Passage, Table
+from branchdrive_reference.closed_loop.correlation import COEFFICIENTS, LEAST_SELECTORS
+from branchdrive_reference.closed_loop.result import EVENTS, OFFLINE
+
+__all__ = ["CONCLUSIONS", "drive_sections", "render_drives"]
+
+Document = Mapping[str, Any]
+
+CONCLUSIONS = (
+    "These drives say how selectors compare in this world, on these routes, when each decides from the states that its "
+    "own decisions led to. All arms share seeds, so differences to nominal are those of the same situations. They do "
+    "not say how any selector would drive elsewhere: expert, traffic and physics are those of one simulator. Between "
+    "and after interventions the world's privileged expert drives, a supervised expert and no autonomous driving, so "
+    "that nominal has its foresight, and a selector shows what its interventions add or cost. Learned selectors have "
+    "seen branches of training alone: what they do at a first decision is what they were fitted for, and later "
+    "decisions are made in states that no training branch has, which is why both are told apart. An event that was "
+    "not seen in this many drives may happen in the next one, as the upper ends of intervals tell. The gate says that "
+    "collisions were not more here; it proves no bound. Nothing here is called safe."
+)
+"""What a reader may and may not conclude."""
+
+_EVENT_TITLES = {"collision": "Collision", "off_road": "Off road", "infraction": "Red light or stop sign"}
+_FIGURE_TITLES = {"value": "value", "regret": "regret", "contact": "contact in the window"}
+_WHO = (Column.name("Selector"), Column("Decisions"))
+
+
+def render_drives(results: Document) -> str:
+    """The tables as Markdown.
+
+    Args:
+        results: See `drive_results`.
+    """
+    short = [_inconclusive(results)] if results["num_clusters"] < LEAST_UNITS else []
+    head = "# Closed loop"
+    parts = [
+        section_lines(section, [*results["warnings"], *(short if isinstance(section, Table) else ())])
+        for section in drive_sections(results)
+    ]
+    return "\n\n".join([head, *("\n".join(lines) for lines in parts)]) + "\n"
+
+
+def _inconclusive(results: Document) -> str:
+    clusters = counted(results["num_clusters"], "route cluster")
+    return f"Nothing can be concluded: {clusters}, and intervals and tests of 95 % take {LEAST_UNITS} or more."
+
+
+def drive_sections(results: Document) -> list[Table | Passage]:
+    """Passage and tables in order."""
+    left_out = [f"{count} because {reason}" for reason, count in results["left_out"].items()]
+    population = (
+        f"{counted(results['num_driven'], 'group')} of {results['num_planned']} planned ones were driven, in "
+        f"{counted(results['num_clusters'], 'route cluster')} that no group of `train` belongs to."
+        + (f" Left out: {', '.join(left_out)}." if left_out else "")
+    )
+    sections: list[Table | Passage] = [Passage("What may and may not be concluded", [CONCLUSIONS, population])]
+    for condition in dict.fromkeys(arm["condition"] for arm in results["arms"]):
+        arms = [arm for arm in results["arms"] if arm["condition"] == condition]
+        sections += [
+            _drives(arms, condition),
+            _ways(arms, condition),
+            _decisions(arms, condition),
+            _against_nominal(arms, condition),
+        ]
+    if results["offline"] is not None:
+        sections += [_offline(results), _orders(results)]
+    return sections
+
+
+def _who(arm: Document) -> list[str]:
+    once = arm["num_decisions"] == 1
+    return [arm["selector"], "1" if once else f"up to {arm['num_decisions']}, every {arm['every_ticks']} ticks"]
+
+
+def _cell(figure: Document, digits: int = 3) -> str:
+    return NONE if figure["value"] is None else with_ends(number(figure["value"], digits), figure)
+
+
+def _drives(arms: Sequence[Document], condition: str) -> Table:
+    columns = [
+        *_WHO, *(Column(_EVENT_TITLES[event]) for event in EVENTS), Column("Clean"), Column("Completed"),
+        Column("Share of route"), Column("Driving score"),
+    ]  # fmt: skip
+    rows = [
+        [
+            *_who(arm),
+            *(percents(arm["shares"][name]) for name in (*EVENTS, "clean", "completed")),
+            *(_cell(arm["means"][name]) for name in ("route_fraction", "score")),
+        ]
+        for arm in arms
+    ]
+    notes = [
+        "Shares of drives, with intervals of Clopper and Pearson by route clusters. Clean: without any of these. "
+        "The driving score has the form of the CARLA leaderboard's and is none of its scores: share of the route, less "
+        "the share of the way off road, times .50, .60 and .65 for each collision with a pedestrian, a vehicle and "
+        "something static, .70 for a red light and .80 for a stop sign."
+    ]
+    return Table(f"Drives, {condition}", columns, rows, notes, has_intervals=True)
+
+
+def _ways(arms: Sequence[Document], condition: str) -> Table:
+    columns = [
+        *_WHO, Column("Way, km"), *(Column(f"{_EVENT_TITLES[event]}, 1/km") for event in EVENTS),
+        Column("Mean jerk, m/s3"), Column("Largest acceleration, m/s2"), Column("Largest yaw rate, rad/s"),
+    ]  # fmt: skip
+    rows = [
+        [
+            *_who(arm),
+            number(arm["way_km"], 1),
+            *(_cell(arm["events_a_km"][event], 2) for event in EVENTS),
+            *(_cell(arm["means"][name], 2) for name in ("mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps")),
+        ]
+        for arm in arms
+    ]
+    notes = ["From the branch to the end of each drive; drives that end early have driven less."]
+    return Table(f"Events a kilometre and comfort, {condition}", columns, rows, notes, has_intervals=True)
+
+
+def _decisions(arms: Sequence[Document], condition: str) -> Table:
+    columns = [
+        *_WHO, Column("Intervenes at first"), Column("Collision in that window"), Column("Collision later"),
+        Column("Interventions a drive"), Column("First choices", is_text=True), Column("Later choices", is_text=True),
+    ]  # fmt: skip
+    rows = [
+        [
+            *_who(arm),
+            percents(arm["shares"]["first_intervention"]),
+            percents(arm["shares"]["collision_in_first_window"]),
+            percents(arm["shares"]["collision_later"]),
+            _cell(arm["means"]["interventions"], 2),
+            _choices(arm["first_choices"]),
+            _choices(arm["later_choices"]),
+        ]
+        for arm in arms
+    ]
+    notes = ["That window: the 2.5 s of the first decision. Later is whatever comes after it."]
+    return Table(f"First decision and later ones, {condition}", columns, rows, notes, has_intervals=True)
+
+
+def _choices(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{key} {count}" for key, count in counts.items()) or NONE
+
+
+def _against_nominal(arms: Sequence[Document], condition: str) -> Table:
+    columns = [
+        *_WHO, Column("Score less nominal's"), Column("p, Holm"), Column("Collides where nominal does not"),
+        Column("Does not where nominal does"), Column("Gate"),
+    ]  # fmt: skip
+    rows = []
+    for arm in arms:
+        found = arm["to_nominal"]
+        if found is not None:
+            score = found["score"]
+            p = p_text(score["p_adjusted"], score["p_is_bound"])
+            passed = "passed" if found["gate_passed"] else "failed"
+            rows.append([*_who(arm), _cell(score), p, percents(found["worse"]), percents(found["better"]), passed])
+    notes = [
+        "Group by group, to nominal under the same schedule and noise. Tests flip signs of whole route clusters, and "
+        "are adjusted over every selector, schedule and condition of the run. The gate, fixed before the first drive, "
+        "fails where more drives collide than nominal's."
+    ]
+    return Table(f"Against nominal, {condition}", columns, rows, notes, has_intervals=True)
+
+
+def _offline(results: Document) -> Table:
+    found = results["offline"]
+    rows = [
+        [one["selector"], _cell(one["value"]), _cell(one["regret"]), percents(one["contact"])]
+        for one in found["selectors"]
+    ]
+    columns = [Column.name("Selector"), Column("Value"), Column("Regret"), Column("Contact")]
+    notes = [
+        f"What the first choice of each selector is worth in its window of 2.5 s, profile {results['profile']}, in "
+        f"{counted(found['num_ranked'], 'group')} in which every candidate has a utility: the bank was driven at the "
+        "branch, so that offline figures and drives are of the same groups."
+    ]
+    return Table("Offline figures of the same groups", columns, rows, notes, has_intervals=True)
+
+
+def _orders(results: Document) -> Table:
+    columns = [
+        Column("Decisions", is_text=True), Column("Offline figure", is_text=True), Column("Selectors"),
+        Column("Spearman"), Column("Kendall"), Column("R2"),
+    ]  # fmt: skip
+    rows = []
+    for row in results["correlations"]:
+        found = row["coefficients"]
+        cells = [NONE] * len(COEFFICIENTS) if found is None else [_cell(found[name]) for name in COEFFICIENTS]
+        rows.append(
+            [_who({"selector": "", **row})[1], _FIGURE_TITLES[row["figure"]], str(row["num_selectors"]), *cells]
+        )
+    notes = [
+        f"Whether the offline figure orders selectors as their driving scores do; of {', '.join(OFFLINE[1:])} less is "
+        "better, and their sign is turned. Intervals of 95 % resample route clusters: they tell what other groups "
+        f"would have given, not what other selectors would. With fewer than {LEAST_SELECTORS} selectors, or "
+        "a figure that is the same for all, there is none."
+    ]
+    return Table("Offline against closed loop", columns, rows, notes, has_intervals=True)

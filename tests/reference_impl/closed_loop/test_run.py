@@ -1,0 +1,140 @@
+"""A whole run in a tiny world: locked first, on record, the same after a kill, and clear about hostile answers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.content_cache import kept_folder
+from tests.reference_impl.benchmark.small_release import make_release
+from tests.reference_impl.closed_loop.roads import KNOWN_ROADS, Roads
+
+from branchdrive.contract.bank import load_action_bank
+from branchdrive.errors import UsageError
+from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
+from branchdrive_reference.closed_loop.course import Course, Schedule
+from branchdrive_reference.closed_loop.external import External
+from branchdrive_reference.closed_loop.lock import LOCK_NAME
+from branchdrive_reference.closed_loop.run import Request, drive_release
+from branchdrive_reference.closed_loop.sight import SensorNoise, Sight
+from branchdrive_reference.closed_loop.site import Nominal
+from branchdrive_reference.closed_loop.table import CONCLUSIONS
+
+BANK = load_action_bank()
+BRAKES = (
+    "import json, sys; asked = json.load(sys.stdin); assert len(asked['state']['speed_mps']) == 16; print('brake_0.50')"
+)
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return kept_folder("bare-release", make_release, tmp_path_factory.mktemp("bare") / "release")
+
+
+@pytest.fixture
+def request_(bare: Path, tmp_path: Path) -> Request:
+    return Request(
+        release=shutil.copytree(bare, tmp_path / "release"),
+        output=tmp_path / "drives",
+        selectors=("type_prior", "brake_0.50", "oracle"),
+        profile="near_range",
+        num_groups=3,
+        seed=5,
+        schedules=(Schedule(50, 1), Schedule(50, 2)),
+        conditions=(Condition(CONDITIONS[0]), Condition(CONDITIONS[2], sensor=1.0)),
+    )
+
+
+def drive(request: Request, **options: Any) -> dict[str, Any]:
+    return drive_release(request, field=Roads.make(), **options).results
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, tmp_path: Path) -> None:
+    whole = replace(request_, output=tmp_path / "whole")
+    results = drive(whole)
+    lock = json.loads((whole.output / LOCK_NAME).read_bytes())
+    roads = {group["route_id"] for group in lock["plan"]["groups"]}
+    assert len(roads) and not roads & {f"road-{road}" for road in KNOWN_ROADS}
+    assert [arm["selector"] for arm in results["arms"][:4]] == ["nominal", "type_prior", "brake_0.50", "oracle"]
+    assert len(results["arms"]) == 4 * 2 * 2 and results["num_driven"] == 3 and not results["warnings"]
+    by_arm = {(arm["selector"], arm["num_decisions"], arm["condition"]): arm for arm in results["arms"]}
+    assert by_arm["brake_0.50", 2, "exact"]["later_choices"] == {"brake_0.50": 3}
+    assert by_arm["brake_0.50", 1, "exact"]["later_choices"] == {}
+    offline = {one["selector"]: one for one in results["offline"]["selectors"]}
+    assert offline["oracle"]["regret"]["value"] == 0 and offline["nominal"]["value"]["value"] > 0
+    tables = (whole.output / "TABLES.md").read_text(encoding="utf-8")
+    assert tables.startswith(f"# Closed loop\n\n## What may and may not be concluded\n\n{CONCLUSIONS}\n")
+
+    class KilledError(Exception):
+        pass
+
+    def kill(done: int, total: int) -> None:
+        assert (request_.output / LOCK_NAME).exists()
+        if done == 1:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        drive(request_, watch=kill)
+    (first,) = (request_.output / "groups").iterdir()
+    written = first.stat().st_mtime_ns
+    drive(request_)
+    assert first.stat().st_mtime_ns == written and contents(request_.output) == contents(whole.output)
+
+    with pytest.raises(UsageError, match="another lock"):
+        drive(replace(request_, seed=6))
+    again = drive(
+        replace(request_, output=tmp_path / "again", selectors=("brake_0.30",), conditions=whole.conditions[:1])
+    )
+    assert "driven under 2 locks" in again["warnings"][0]
+    entries = json.loads((tmp_path / "release.drives.json").read_bytes())["entries"]
+    assert [entry["number"] for entry in entries] == [1, 2]
+    assert len({entry["plan_digest"] for entry in entries}) == 1
+
+
+@pytest.mark.parametrize("name", ["nobody", "E-M9", "a=", "=x"])
+def test_a_selector_that_is_none_is_one_clear_error(request_: Request, name: str) -> None:
+    with pytest.raises(UsageError):
+        drive(replace(request_, selectors=(name,)))
+    assert not (request_.output / LOCK_NAME).exists()
+
+
+@pytest.fixture(scope="module")
+def sight() -> Sight:
+    site = Roads.make().site(5, 0)
+    nominal = site.nominal()
+    assert isinstance(nominal, Nominal)
+    seen: list[Sight] = []
+    Course(site, nominal, BANK, Schedule(50, 1)).drive(lambda one: len(seen.append(one) or ""), SensorNoise(0.0, 1))
+    return seen[0]
+
+
+def test_a_program_of_others_answers_with_a_candidate(sight: Sight) -> None:
+    selector = External("mine", (sys.executable, "-c", BRAKES), BANK.keys)
+    assert selector(sight) == BANK.keys.index("brake_0.50")
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (("sh", "-c", "echo full_speed"), "answered 'full_speed"),
+        (("sh", "-c", "printf '\\377\\376'"), "expected one of the candidates"),
+        (("true",), "expected one of the candidates"),
+        (("sh", "-c", "echo nominal; echo nominal"), "expected one of the candidates"),
+        (("sh", "-c", "echo nominal; exit 3"), "ended with status 3"),
+        (("no-such-program-of-anyone",), "cannot be started"),
+        (("yes",), "more than 4096 bytes"),
+        (("sleep", "60"), "no answer within 0.2 s"),
+    ],
+)  # fmt: skip
+def test_a_hostile_answer_is_one_clear_error(sight: Sight, command: tuple[str, ...], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        External("mine", command, BANK.keys, patience_s=0.2 if command[0] == "sleep" else 30.0)(sight)
