@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from tests.audits import remember_audits
 from tests.content_cache import kept_folder
+from tests.synthetic import seal_dataset
 from tests.synthetic_release import raw_descriptor, raw_tables
 from tests.validator.engine.rules.draft import Draft
-from tests.validator.release.running import build
+from tests.validator.release.running import SHARDS, build
 
 from branchdrive.leakage.classifier import Unavailable
 from branchdrive.release.audit_process import audit_here
@@ -80,3 +81,20 @@ def dataset(raw: Path, tmp_path: Path) -> Path:
 def release(built: Path, tmp_path: Path) -> Path:
     """A copy of `built` of one's own."""
     return shutil.copytree(built, tmp_path / "release")
+
+
+@pytest.fixture(scope="module")
+def two_parts(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A release of the same raw layer whose last shard is the first of another part; read-only by agreement."""
+    root = shutil.copytree(raw, tmp_path_factory.mktemp("parts") / "dataset")
+    for old, new in reversed(SHARDS.items()):
+        (root / old).rename(root / new)
+    seal_dataset(root)
+    build(root)
+    return root
+
+
+@pytest.fixture
+def copied(two_parts: Path, tmp_path: Path) -> Path:
+    """A copy of one's own."""
+    return shutil.copytree(two_parts, tmp_path / "dataset")

@@ -11,8 +11,12 @@ from typing import Any
 from tests.synthetic_release import SEED
 
 from branchdrive.cli.main import run, validate_run
+from branchdrive.contract.layer import table_file
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.engine.validate import validate
+from branchdrive.formats.folder import Folder
+from branchdrive.formats.parquet import encode_table
+from branchdrive.formats.table_file import conform, read_table
 from branchdrive.leakage.protocol import AuditProtocol, BatteryProtocol, GateProtocol
 from branchdrive.release.builder import STAGES, BuildReport, build_release
 from branchdrive.release.stage import BuildOptions
@@ -83,3 +87,23 @@ def _call(entry: Any, argv: Sequence[object]) -> tuple[int, str, str]:
     stdout, stderr = io.StringIO(), io.StringIO()
     code = entry([os.fspath(a) if isinstance(a, Path) else str(a) for a in argv], stdout, stderr)
     return code, stdout.getvalue(), stderr.getvalue()
+
+
+SHARDS = {
+    "raw/shard-00000": "raw/shard-00000",
+    "raw/shard-00001": "raw/shard-00063",
+    "raw/shard-00002": "raw/shard-00064",
+}
+"""New folders of the shards of a raw layer of two parts."""
+
+
+def rewrite(root: Path, path: str, rows: Any) -> None:
+    file = table_file(path)
+    assert file is not None
+    (root / path).write_bytes(encode_table(conform(rows, file.table)))
+
+
+def read(root: Path, path: str) -> Any:
+    file = table_file(path)
+    assert file is not None
+    return conform(read_table(Folder(root), path, file.table), file.table)

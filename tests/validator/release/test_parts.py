@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,13 @@ from typing import Any
 import pytest
 from tests.synthetic import seal_dataset
 from tests.synthetic_release import SEED
-from tests.validator.release.running import build, call, contents, derived
+from tests.validator.release.running import SHARDS, build, call, contents, derived, read, rewrite
 
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layer import LAYERS, part_of, table_file, table_path, table_paths
 from branchdrive.diff.compare import compare_datasets
-from branchdrive.engine.cache import Cache
-from branchdrive.engine.derived_rules import LayersTask, judge_part
+from branchdrive.engine.derived_rules import LayersTask
 from branchdrive.engine.report import Report
 from branchdrive.engine.spool import SpooledFrames
 from branchdrive.engine.validate import validate
@@ -29,30 +27,7 @@ from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform, join_parts, read_layer_table, read_table
 from branchdrive.model.reader import open_model
 from branchdrive.runtime.executor import in_process, isolated
-from branchdrive.tables.arrow import StoredFrame, from_arrow
-
-SHARDS = {
-    "raw/shard-00000": "raw/shard-00000",
-    "raw/shard-00001": "raw/shard-00063",
-    "raw/shard-00002": "raw/shard-00064",
-}
-
-
-@pytest.fixture(scope="module")
-def two_parts(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A release of the same raw layer whose last shard is the first of another part; read-only by agreement."""
-    root = shutil.copytree(raw, tmp_path_factory.mktemp("parts") / "dataset")
-    for old, new in reversed(SHARDS.items()):
-        (root / old).rename(root / new)
-    seal_dataset(root)
-    build(root)
-    return root
-
-
-@pytest.fixture
-def copied(two_parts: Path, tmp_path: Path) -> Path:
-    """A copy of one's own."""
-    return shutil.copytree(two_parts, tmp_path / "dataset")
+from branchdrive.tables.arrow import from_arrow
 
 
 def tables(root: Path) -> dict[str, Any]:
@@ -177,18 +152,6 @@ def test_a_change_of_one_shard_changes_its_parts_and_what_is_of_no_part(two_part
             assert ours[path]
 
 
-def rewrite(root: Path, path: str, rows: Any) -> None:
-    file = table_file(path)
-    assert file is not None
-    (root / path).write_bytes(encode_table(conform(rows, file.table)))
-
-
-def read(root: Path, path: str) -> Any:
-    file = table_file(path)
-    assert file is not None
-    return conform(read_table(Folder(root), path, file.table), file.table)
-
-
 @pytest.mark.parametrize("table", ["records", "group_quality", "attempts"])
 def test_rows_of_a_group_in_another_part_are_one_finding_for_their_file(table: str, copied: Path) -> None:
     first, second = (table_path(table, part=part) for part in (0, 1))
@@ -287,121 +250,6 @@ def test_tasks_on_a_part_name_its_files_and_no_others(two_parts: Path) -> None:
         assert {part_of(shard.replace("-", "/", 1)) for shard in task.raw.shards} == {task.part}
     shards = [shard for task in of_parts for shard in task.raw.shards]
     assert len(shards) == len({*shards}) == len(SHARDS)
-
-
-def told(root: Path, **options: Any) -> Any:
-    """What a report says but for how long it took."""
-    report = validate(root, **options)
-    rules = [(t.rule_id, t.status, t.reason, t.examined, t.total, t.num_findings, t.findings) for t in report.tallies]
-    return report.verdict, rules
-
-
-def on_all_rows(root: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """What a report says where parts give no pieces."""
-    with monkeypatch.context() as patched:
-        patched.setattr("branchdrive.engine.derived._are_in_place", lambda _: False)
-        return told(root)
-
-
-def drop_first_pair(root: Path) -> None:
-    path = table_path("pairs", part=1)
-    rewrite(root, path, read(root, path).slice(1))
-
-
-def change_bank_of_part(root: Path) -> None:
-    path = table_path("pairs", part=1)
-    rows = read(root, path)
-    import pyarrow.compute as pc
-
-    rewrite(root, path, rows.filter(pc.not_equal(rows["action_key"], rows["action_key"][0])))
-
-
-def spoil_history(root: Path) -> None:
-    path = next(path for path in table_paths("state", derived(root)) if path.endswith("-00001.parquet"))
-    rewrite(root, path, read(root, path).slice(1))
-
-
-def repeat_context(root: Path) -> None:
-    paths = table_paths("contexts", derived(root))
-    first, other = (next(path for path in paths if path.endswith(f"-0000{part}.parquet")) for part in (0, 1))
-    rewrite(root, first, join_parts([read(root, first), read(root, other)]))
-
-
-def misstate_documents(root: Path) -> None:
-    for path, name in (("quality/thresholds.json", "num_groups"), ("canonical/source.json", "num_attempts")):
-        document = parse_json((root / path).read_bytes())
-        (root / path).write_text(json.dumps({**document, name: document[name] + 1}))
-
-
-@pytest.mark.parametrize(
-    "change", [None, drop_first_pair, change_bank_of_part, spoil_history, repeat_context, misstate_documents]
-)
-def test_pieces_of_parts_say_what_all_rows_say(
-    change: Callable[[Path], None] | None, copied: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if change is not None:
-        change(copied)
-        seal_dataset(copied)
-    found = told(copied)
-    assert found[0] == ("valid" if change is None else "invalid")
-    assert found == on_all_rows(copied, monkeypatch)
-
-
-LARGE = {"pairs", "state", "past_controls", "expert", "surroundings", "scalars", "trajectories", "candidates"}
-"""Tables of which no task on the whole reads a sound release."""
-
-
-@pytest.fixture
-def taken(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
-    """Parts that are judged, and the tables and rows of several shards that tasks on the whole take."""
-    found: dict[str, list[Any]] = {"parts": [], "tables": [], "rows": []}
-    column_of, rows_of = StoredFrame.__getitem__, SpooledFrames.__getitem__
-    names = {frozenset(table_columns(name)): name for name in LAYER_TABLES}
-
-    def judged(task: Any) -> Any:
-        found["parts"].append(task.part)
-        return judge_part(task)
-
-    def column(frame: StoredFrame, name: str) -> Any:
-        found["tables"] += [names[frozenset(frame)]] if found["parts"][-1:] == [None] else []
-        return column_of(frame, name)
-
-    def rows(frames: SpooledFrames, name: str) -> Any:
-        found["rows"] += [name] if found["parts"][-1:] == [None] and len(frames._shards) > 1 else []
-        return rows_of(frames, name)
-
-    monkeypatch.setattr(StoredFrame, "__getitem__", column)
-    monkeypatch.setattr(SpooledFrames, "__getitem__", rows)
-    monkeypatch.setattr("branchdrive.engine.derived.judge_part", judged)
-    return found
-
-
-def test_tasks_on_the_whole_take_no_large_table(two_parts: Path, taken: dict[str, list[Any]]) -> None:
-    assert validate(two_parts).verdict == "valid"
-    assert taken["parts"][:2] == [0, 1]
-    assert not {*taken["tables"]} & LARGE
-    assert {*taken["rows"]} == {"routes"}
-
-
-def test_pieces_of_a_part_that_an_earlier_run_judged_are_taken_from_the_cache(
-    copied: Path, tmp_path: Path, taken: dict[str, list[Any]]
-) -> None:
-    cache = Cache(tmp_path / "cache")
-    validate(copied, cache=cache)
-    path = table_path("attempts", part=1)
-    rows = read(copied, path)
-    column = rows.schema.get_field_index("disposition")
-    kept = [*rows["disposition"].to_pylist()[::-1]]
-    import pyarrow as pa
-
-    rewrite(copied, path, rows.set_column(column, rows.schema.field(column), pa.array(kept, rows.schema.types[column])))
-    seal_dataset(copied)
-    taken["parts"].clear()
-    found = told(copied, cache=cache)
-    assert {*taken["parts"]} == {1, None}
-    assert not {*taken["tables"]} & LARGE
-    assert found == told(copied)
-    assert found[0] == "invalid"
 
 
 def test_files_of_a_table_stand_in_the_order_of_partition_and_part(two_parts: Path) -> None:

@@ -14,7 +14,7 @@ Source: paper, "Model Inputs and Targets"; spec/12-model.md#features.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -90,18 +90,21 @@ def joined_arrays(parts: Sequence[ModelArrays]) -> ModelArrays:
         raise ValueError("parts of a model layer have other arrays")
     order = sorted(range(len(groups)), key=groups.__getitem__)
 
-    def joined(*arrays: NDArray[Any]) -> NDArray[Any]:
-        return np.concatenate(arrays)[order]
+    def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate([*arrays])[order]
 
     filled = filled or [first]
+    surroundings = [part.surroundings for part in filled if part.surroundings is not None]
     return ModelArrays(
-        tuple(groups[place] for place in order),
-        first.candidates,
-        *(joined(*(getattr(part, name) for part in filled)) for name in ("state", "controls", "expert")),
-        Masked(*map(joined, *(part.surroundings for part in filled if part.surroundings))) if True in have else None,
-        first.actions,
-        Targets(*map(joined, *(part.scalars for part in filled))),
-        Trajectory(*map(joined, *(part.trajectories for part in filled))),
+        groups=tuple(groups[place] for place in order),
+        candidates=first.candidates,
+        state=joined(part.state for part in filled),
+        controls=joined(part.controls for part in filled),
+        expert=joined(part.expert for part in filled),
+        surroundings=Masked(*map(joined, zip(*surroundings, strict=True))) if surroundings else None,
+        actions=first.actions,
+        scalars=Targets(*map(joined, zip(*(part.scalars for part in filled), strict=True))),
+        trajectories=Trajectory(*map(joined, zip(*(part.trajectories for part in filled), strict=True))),
     )
 
 

@@ -27,8 +27,8 @@ from branchdrive.leakage.draw import drawn_here
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.release.spread_draw import SpreadDraw
-from branchdrive.runtime.executor import standing
 from branchdrive.runtime.process import ARRAY_WORK, child_environment, exit_after, python_command
+from branchdrive.runtime.standing import standing
 
 __all__ = ["AuditTask", "KnownParts", "PartsOf", "audit_here", "audit_in_own_process"]
 

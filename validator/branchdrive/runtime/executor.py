@@ -13,13 +13,12 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.context import SpawnContext
-from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
 from branchdrive.contract.limits import spec_limits
@@ -30,7 +29,6 @@ from branchdrive.runtime.process import array_context, exit_after
 
 __all__ = [
     "BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit", "results_of",
-    "standing",
 ]  # fmt: skip
 
 _LOADED = (__name__, "pyarrow.parquet")
@@ -364,40 +362,3 @@ class BoundedProcess:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._pool = None
-
-
-@contextmanager
-def standing(jobs: int) -> Iterator[Executor]:
-    """Executor over `jobs` bounded processes that stay from call to call, for who calls often.
-
-    They start with the first task, keep what functions keep between tasks, and end with the block.
-    """
-    with ExitStack() as stack, ThreadPoolExecutor(jobs) as threads:
-        idle: SimpleQueue[BoundedProcess] = SimpleQueue()
-        for _ in range(jobs):
-            process = BoundedProcess()
-            stack.callback(process.close)
-            idle.put(process)
-        starting = threading.Lock()
-
-        def work(function: Callable[[Task], Result], task: Task) -> Result | Died | Failed:
-            process = idle.get()
-            try:
-                with starting:
-                    process.start(function)
-                return process.run(function, task)
-            finally:
-                idle.put(process)
-
-        def run(
-            function: Callable[[Task], Result], tasks: Sequence[Task], /
-        ) -> Iterator[tuple[int, Result | Died | Failed]]:
-            running = {threads.submit(work, function, task): index for index, task in enumerate(tasks)}
-            try:
-                for future in as_completed(running):
-                    yield running[future], future.result()
-            finally:
-                for future in running:
-                    future.cancel()
-
-        yield run
