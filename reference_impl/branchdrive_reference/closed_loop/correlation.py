@@ -25,6 +25,9 @@ COEFFICIENTS = ("spearman", "kendall", "r2")
 LEAST_SELECTORS = 3
 """Two selectors have one order or the other."""
 
+MOST_RESAMPLES = 500
+"""Resamples that scipy is asked about one by one."""
+
 _STREAM = "closed-loop/correlation"
 
 
@@ -38,36 +41,45 @@ def correlations(
         driven: Driving scores ``[N, S]``.
         clusters: Route clusters of the groups.
         seed: Of the resamples.
-        num_resamples: How many.
+        num_resamples: How many; at most `MOST_RESAMPLES` are drawn.
 
     Raises:
         PlatformError: The extra is not installed.
     """
     if offline.shape[1] < LEAST_SELECTORS or not len(offline):
         return None
-    estimate = _coefficients(offline.mean(axis=0), driven.mean(axis=0))
-    if estimate is None:
+    estimates = _coefficients(offline.mean(axis=0)[None], driven.mean(axis=0)[None])
+    if not len(estimates):
         return None
-    counts = resampled_counts(len(clusters.names), seed=seed, stream=_STREAM, num_resamples=num_resamples)
+    counts = resampled_counts(
+        len(clusters.names), seed=seed, stream=_STREAM, num_resamples=min(num_resamples, MOST_RESAMPLES)
+    )
     sizes = sums(counts, clusters.sums(np.ones((len(offline), 1))))
     means = [sums(counts, clusters.sums(values)) / sizes for values in (offline, driven)]
-    drawn = [found for pair in zip(*means, strict=True) if (found := _coefficients(*pair)) is not None]
-    ends = np.quantile(np.array(drawn), [0.025, 0.975], axis=0).T if drawn else np.full((len(COEFFICIENTS), 2), np.nan)
+    drawn = _coefficients(*means)
+    ends = np.quantile(drawn, [0.025, 0.975], axis=0).T if len(drawn) else np.full((len(COEFFICIENTS), 2), np.nan)
     return {
         name: {"value": value, "low": _known(low), "high": _known(high)}
-        for name, value, (low, high) in zip(COEFFICIENTS, estimate, ends.tolist(), strict=True)
+        for name, value, (low, high) in zip(COEFFICIENTS, estimates[0].tolist(), ends.tolist(), strict=True)
     }
 
 
-def _coefficients(x: Array, y: Array) -> tuple[float, float, float] | None:
+def _coefficients(x: Array, y: Array) -> Array:
+    """Coefficients ``[R, 3]`` over selectors ``[R, S]``, without the rows in which either is the same for all."""
     with extra("drive", of="`drive`"):
         from scipy import stats
-    if any(np.ptp(values) <= slack(np.abs(values).max()) for values in (x, y)):
-        return None
-    return (
-        float(stats.spearmanr(x, y).statistic),
-        float(stats.kendalltau(x, y).statistic),
-        float(stats.pearsonr(x, y).statistic ** 2),
+    varies = [np.ptp(values, axis=1) > slack(np.abs(values).max(axis=1)) for values in (x, y)]
+    x, y = (values[varies[0] & varies[1]] for values in (x, y))
+    if not len(x):
+        return np.zeros((0, len(COEFFICIENTS)))
+    ranks = [stats.rankdata(values, axis=1) for values in (x, y)]
+    return np.stack(
+        [
+            stats.pearsonr(*ranks, axis=1).statistic,
+            [stats.kendalltau(*row).statistic for row in zip(x, y, strict=True)],
+            stats.pearsonr(x, y, axis=1).statistic ** 2,
+        ],
+        axis=1,
     )
 
 
