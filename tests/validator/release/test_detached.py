@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 from tests.synthetic import seal_dataset, write_dataset
 from tests.validator.release.running import build, call_validate, contents
@@ -14,6 +17,7 @@ from tests.validator.release.test_stages import another_raw_layer, stored_otherw
 
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.rule import CATALOGUE
+from branchdrive.formats.parquet import encode_table
 
 NAME_RAW = "the raw layer is not available; give its dataset with --raw"
 
@@ -97,6 +101,18 @@ def test_with_a_damaged_raw_layer_it_is_not_valid(detached: Path, dataset: Path)
     code, out, _ = call_validate(detached, "--raw", dataset)
     assert code == 1
     assert "BD-REL-001" in out
+
+
+def test_no_more_of_its_groups_qualify_than_do_in_the_raw_layer(detached: Path, dataset: Path) -> None:
+    for path in dataset.glob("raw/*/observations.parquet"):
+        table = pq.read_table(path)
+        place = table.schema.get_field_index("speed_mps")
+        speeds = pc.multiply(table["speed_mps"], 3.6).cast(table.schema.field(place).type)
+        path.write_bytes(encode_table(table.set_column(place, table.schema.field(place), speeds)))
+    seal_dataset(dataset)
+    code, out, _ = call_validate(detached, "--raw", dataset)
+    assert code == 1
+    assert re.search(r"; 0 of \d+ groups qualify", out)
 
 
 def test_rules_on_rows_are_claimed_by_the_dataset_that_has_them(detached: Path, raw: Path, tmp_path: Path) -> None:

@@ -136,10 +136,13 @@ class Report:
 
     @property
     def num_qualified(self) -> int | None:
-        """Groups that qualify: of the frozen population of a release, else by the funnel; ``None`` if not judged."""
-        if self.population is not None:
-            return int(self.population["stages"][-1]["total"])
-        return None if self.funnel is None else self.funnel.qualified
+        """Groups that qualify: of the frozen population of a release and by the funnel; ``None`` if neither is judged.
+
+        A release beside another raw layer than its own may claim more groups than qualify there: the fewer count.
+        """
+        frozen = None if self.population is None else int(self.population["stages"][-1]["total"])
+        by_stage = None if self.funnel is None else self.funnel.qualified
+        return min((count for count in (frozen, by_stage) if count is not None), default=None)
 
     @property
     def num_groups(self) -> int | None:
