@@ -122,10 +122,14 @@ def calibration(probabilities: Array, endings: Endings, shares: Array) -> Calibr
     place = np.minimum((said * _BINS).astype(np.int64), _BINS - 1)
     counts = np.bincount(place, minlength=_BINS)
     sums = (np.bincount(place, weights=values, minlength=_BINS) for values in (said, happened))
-    means = [np.divide(total, counts, out=np.full(_BINS, np.nan), where=counts > 0) for total in sums]
+    mean_said, share = (np.divide(total, counts, out=np.full(_BINS, np.nan), where=counts > 0) for total in sums)
     constant = np.broadcast_to(shares, known.shape)[known]
     return Calibration(
-        float(((said - happened) ** 2).mean()), float(((constant - happened) ** 2).mean()), *means, counts
+        brier=float(((said - happened) ** 2).mean()),
+        brier_of_shares=float(((constant - happened) ** 2).mean()),
+        said=mean_said,
+        happened=share,
+        counts=counts,
     )
 
 

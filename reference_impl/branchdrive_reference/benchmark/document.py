@@ -49,7 +49,7 @@ __all__ = [
 @cache
 def trees_protocol() -> BenchmarkProtocol:
     """The normative protocol with boosted trees, `T3` and as a bound `T3p`; they need the extra `trees`."""
-    models = json.loads(resources.files("branchdrive_reference.benchmark").joinpath("trees.json").read_text())
+    models = json.loads(resources.files("branchdrive_reference.benchmark").joinpath("trees.json").read_text("utf-8"))
     normative = default_protocol().document
     return read_protocol(normative | {"name": "branchdrive-benchmark-trees", "models": [*normative["models"], *models]})
 

@@ -125,12 +125,6 @@ def evaluate_published(
         protocol, data, predictions, risk, noise, contexts=contexts, warnings=notes,
         further_risks=further_risks_of(ranking_lock), description=_description(release, data, lock),
     )  # fmt: skip
-    inputs = ResultInputs.of(protocol, data, predictions)
-    printed = _by_type(release, inputs, contexts) if with_types else []
-    if with_clean_risk:
-        from branchdrive_reference.benchmark.clean_risk import clean_sections
-
-        printed += clean_sections(inputs, contexts)
     show(2, 4, "figures")
     rendered = render_files(
         release, protocol, results, latency=release.document(LATENCY_FILE), with_figures=with_figures
@@ -139,6 +133,12 @@ def evaluate_published(
     kept = {path: content for path, content in files.items() if not _is_rendered(path)}
     workspace.publish(kept | {f"{BENCHMARK}/{name}": content for name, content in rendered.items()})
     workspace.drop(RISK)  # the ranking lock holds it
+    inputs = ResultInputs.of(protocol, data, predictions)
+    printed = _by_type(release, inputs, contexts) if with_types else []
+    if with_clean_risk:
+        from branchdrive_reference.benchmark.clean_risk import clean_sections
+
+        printed += clean_sections(inputs, contexts)
     show(4, 4)
     return Evaluation(results, rendered, printed)
 

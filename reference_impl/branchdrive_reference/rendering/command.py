@@ -113,7 +113,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 done, total = num_done, num_groups
                 if show is None:
                     counts = count_routes(args.dataset if args.output is None else args.output)
-                    stderr.write(f"routes    {routes_text(*counts)}\n")
+                    stdout.write(f"routes    {routes_text(*counts)}\n")
+                    stdout.flush()
                     show = stack.enter_context(progress_bar(stderr, "rendering groups"))
                 show(num_done, num_groups)
 

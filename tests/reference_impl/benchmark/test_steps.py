@@ -111,6 +111,8 @@ def test_regret_by_type_is_printed_and_changes_no_file(benchmarked: Path) -> Non
     assert tables.startswith(before["benchmark/TABLES.md"].decode())
     assert tables.count("\n## Regret by scenario type, profile ") == 5
     assert "| all types | 4 | 4 |" in tables
+    with pytest.raises(UsageError, match="does not tell how drives end; build it with `--endings`"):
+        invoke("evaluate", benchmarked, "--no-figures", "--clean-risk")
     assert "Regret by scenario type, profile balanced\n" in invoke("evaluate", benchmarked, "--no-figures", "--by-type")
     assert contents(benchmarked) == before
 

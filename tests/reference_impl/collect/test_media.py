@@ -59,10 +59,10 @@ def test_an_interrupted_rendering_is_gone_on_with(root: Path) -> None:
 
 
 def test_what_a_benchmark_takes_is_said_before_images_are_drawn(root: Path) -> None:
-    stderr = StringIO()
+    stdout = StringIO()
     options = ("--streams", "semantic_bev", "--width", "16", "--height", "16")
-    assert run(["render", str(root), *options], StringIO(), stderr) == 0
-    assert stderr.getvalue().startswith("routes    1 route cluster in 1 branched group; a release parts whole clusters")
+    assert run(["render", str(root), *options], stdout, StringIO()) == 0
+    assert stdout.getvalue().startswith("routes    1 route cluster in 1 branched group; a release parts whole clusters")
 
 
 def test_what_has_media_keeps_its_version(root: Path) -> None:

@@ -304,7 +304,8 @@ def test_the_command_says_what_it_did(
     monkeypatch.setattr("branchdrive_reference.rendering.rig.cameras_of", lambda streams, **size: (SMALL,))
     code, out, err = command(bare, "--output", tmp_path / "out", "--streams", "semantic_bev")
     assert (code, err) == (0, "")
-    assert out.startswith("groups    3 rendered, 0 found rendered\nimages    1,196 in ")
+    assert out.startswith("routes    ")
+    assert "\ngroups    3 rendered, 0 found rendered\nimages    1,196 in " in out
     assert rendered.identity in out
     assert files(tmp_path / "out") == files(rendered.root)
 
