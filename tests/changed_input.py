@@ -44,7 +44,9 @@ def poor_end(*argv: object) -> str:
     stdout, stderr = io.StringIO(), io.StringIO()
     code = run([str(argument) for argument in argv], stdout, stderr)
     message = stderr.getvalue()
-    is_sentence = message.startswith("branchdrive: ") and message[:-1].isprintable() and len(message) < 2000
+    *notes, last = message.splitlines() or [""]
+    is_sentence = last.startswith("branchdrive: ") and last.isprintable() and len(last) < 2000
+    is_sentence &= not any(line.startswith("branchdrive: ") or not line.isprintable() for line in notes)
     return "" if code in (0, 1, 3) or (code == 2 and is_sentence) else f"{argv[0]} ended with {code}: {message[-600:]}"
 
 

@@ -15,7 +15,11 @@ def test_commands_run_nothing_of_a_folder(release: Path, done: Path, tmp_path: P
     packages = infest(tmp_path, tmp_path / "marks")
     options = ("--protocol", protocol, "--no-guard", "--jobs", 2)
     trained = run_command("branchdrive", "train", release.name, *options, cwd=tmp_path, path="")
-    assert (trained.returncode, trained.stderr) == (0, "")
+    assert trained.returncode == 0, trained.stderr
+    assert [line.split(" ", 2)[0] for line in trained.stderr.splitlines()] == [
+        "The",
+        "Nothing",
+    ]  # what it is too small for
     for place in (tmp_path, packages):
         (place / "matplotlibrc").write_bytes(b"\xff\xfe: not text\n")
     commands = (

@@ -144,7 +144,7 @@ def test_wrong_usage_exits_with_2(tmp_path: Path, arguments: list[object], capsy
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "how many groups? give --groups N or --preset demo|benchmark|context|paper"),
+        ([], "how many groups? give --groups N or --preset demo|benchmark|context|deep|paper"),
         (["--groups", 1, "--faults", "lost=0.1"], "--faults 'lost=0.1': 'lost' is no fault; give one of none, "),
         (["--groups", 1, "--faults", "partial=2"], "the rate 2 of 'partial' is not in 0 .. 1; give one of none, "),
         (["--groups", 1, "--scenario", "Rain"], f"unknown scenario type 'Rain'; choose from {', '.join(SCENARIOS)}"),

@@ -55,7 +55,7 @@ def test_other_texts_are_refused_with_the_names_that_are_known(text: str, proble
         FAULT_RATES.parse(text, FAULT_PRESETS)
     message = str(caught.value)
     assert message.startswith(
-        f"--faults {text!r}: {problem}; give one of none, benchmark, context, paper, or NAME=RATE"
+        f"--faults {text!r}: {problem}; give one of none, benchmark, context, deep, paper, or NAME=RATE"
     )
     assert message.endswith(", ".join([*Fault, *ImageFault]))
     assert "\n" not in message

@@ -70,6 +70,8 @@ OTHERS: dict[str, st.SearchStrategy[Any]] = {
     "content": st.dictionaries(texts, texts, max_size=3),
     "broken": st.dictionaries(texts, st.frozensets(texts, max_size=2), max_size=3),
     "max_bytes": st.integers(0, 3),
+    "pieces_for": st.lists(texts, max_size=3).map(tuple),
+    "parts": st.lists(st.integers(0, 3), max_size=3).map(tuple),
     "raw": st.builds(
         RawRows,
         st.lists(texts, max_size=2).map(tuple),

@@ -174,7 +174,7 @@ def test_a_fit_that_is_not_solved_ends_in_exit_code_4(monkeypatch: pytest.Monkey
     train = pytest.importorskip("branchdrive_reference.benchmark.command.train")
     training, protocol = banks(20, seed=3), default_protocol()
     data = SimpleNamespace(part=lambda _: SimpleNamespace(targets=training.outcomes), nominal=0)
-    workspace = SimpleNamespace(release=SimpleNamespace(root=Path("release")), folds=Path("folds"))
+    workspace = SimpleNamespace(release="release", folds=Path("folds"))
     monkeypatch.setattr(fold, "fold_tasks", lambda *_: [])
     monkeypatch.setattr(fold, "_out_of_fold", lambda *_, **__: training.scalars)
     monkeypatch.setattr(fold, "utility_scale", lambda *_: fit_scale(training.outcomes))
