@@ -74,4 +74,4 @@ def test_group_without_a_state_at_the_branch_is_refused() -> None:
     data = BenchmarkData.of(frames, DESCRIPTOR.action_bank)
     lost = {**frames, "state": take(state, (state["group_id"] != "g1") | (state["offset_ticks"] != 0))}
     with pytest.raises(DatasetError, match="no row of `group_id` 'g1' at the branch"):
-        contexts_of(lost.__getitem__, data, DECLARED[:1])
+        contexts_of(lost.__getitem__, data.groups, DECLARED[:1])
