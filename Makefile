@@ -8,9 +8,6 @@ BIN := .venv/bin
 DEMO := build/demo
 # Training groups stay in a release, about 70 % of all; a near duplicate in another partition does not.
 FROZEN = $(shell echo $$(( $(GROUPS) * 3 / 5 )))
-# What pip is doing, a line for each package; its errors go to the terminal by themselves.
-PROGRESS = /^Collecting/ { printf "setup: %d %s\n", ++n, $$2; fflush() } /^Installing collected/ { print "setup: installing all of them"; fflush() }
-
 .PHONY: setup help demo docs example-highway test thorough check cases conformance compat compat-quick fuzz kills ray bench bench-growth bench-paper bench-release
 
 ## create .venv and install into it, in editable mode, with the extras sim, media, plots, report, models, guard, export, conformance and dev
@@ -19,10 +16,12 @@ setup: .venv/.installed
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
-	@echo "setup: installs about 110 packages into .venv, once; 1 to 5 minutes, and as long as torch takes to download"
+	@echo "setup: installs about 135 packages into .venv, 2.7 GB, once; 1 to 5 minutes, longer on a busy machine, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
 	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
-		-e ".[sim,media,plots,report,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | awk '$(PROGRESS)'
+		-e ".[sim,media,plots,report,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | { n=0; while read -r what name rest; do case "$$what" in \
+			Collecting) n=$$((n + 1)); echo "setup: $$n $$name";; \
+			Installing) echo "setup: installing all of them";; esac; done; }
 	@read status < .venv/status; [ $$status -eq 0 ] || \
 		{ echo "setup: pip ended with $$status; what it said is above. To go on, run: make setup" >&2; exit 1; }
 	@touch $@

@@ -144,7 +144,7 @@ def test_without_a_guard_the_results_say_so(release: Path, tmp_path: Path) -> No
     protocol_file = write_protocol(tmp_path / "protocol.json", smallest_protocol())
     said = invoke("benchmark", release, "--protocol", protocol_file, "--no-guard", "--no-figures")
     assert " m\nNot judged: No risk was fitted." in said
-    assert "Noise of outcomes\nUnknown; the ranking lock holds none" in said
+    assert "Noise of outcomes\nUnknown; no ranking lock holds one" in said
     assert not (release / "benchmark" / "figures").exists()
     invoke("train", release)  # the folds alone, since the models are there
     invoke("evaluate", release, "--no-figures")

@@ -71,14 +71,29 @@ def test_manifests_are_read_once(release: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_copy_is_equal(base: Path, tmp_path: Path) -> None:
     shutil.copytree(base, tmp_path / "copy")
-    assert diff(base, tmp_path / "copy") == (0, "files equal, data equal\n", "")
+    assert diff(base, tmp_path / "copy") == (0, "files equal by their manifests, data equal\n", "")
 
 
 def test_what_lies_beside_one_alone_is_told(base: Path, tmp_path: Path) -> None:
     shutil.copytree(base, tmp_path / "copy")
     (tmp_path / "copy/croissant.json").write_text("{}")
-    lines = ["files equal, data equal", "beside the dataset, only in B: 1", "  croissant.json", ""]
+    lines = ["files equal by their manifests, data equal", "beside the dataset, only in B: 1", "  croissant.json", ""]
     assert diff(base, tmp_path / "copy") == (0, "\n".join(lines), "")
+
+
+def test_data_that_differ_under_one_digest_are_a_fault_of_a_manifest(base: Path, tmp_path: Path) -> None:
+    other = Path(shutil.copytree(base, tmp_path / "copy"))
+    path = next(other.glob("raw/*/observations.parquet"))
+    table = pq.read_table(path)
+    place = table.schema.get_field_index("speed_mps")
+    zeros = pa.array([0.0] * len(table), table.schema.field(place).type)
+    pq.write_table(table.set_column(place, table.schema.field(place), zeros), path)
+    code, out, _ = diff(base, other)
+    assert code == 1
+    assert out.splitlines()[:2] == [
+        "files equal by their manifests, data differ",
+        "  a file is not what its manifest lists; run branchdrive-validate on both",
+    ]
 
 
 def test_an_unfinished_dataset_is_told_to_be_finished(base: Path, tmp_path: Path) -> None:

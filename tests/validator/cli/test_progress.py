@@ -44,9 +44,16 @@ def test_without_a_terminal_there_is_a_line_a_minute() -> None:
     with progress_bar(stderr, "validating shards", clock=lambda: next(moments)) as show:
         for done in (1, 2, 30, 40, 41):
             show(done, 100, "raw")
-    lines = ["validating shards raw: 2 of 100, 2.0/min, about 49 min left",
+    lines = ["validating shards raw: 2 of 100, 2.0/min",
              "validating shards raw: 40 of 100, 20.0/min, about 3 min left"]  # fmt: skip
     assert stderr.getvalue().splitlines() == lines
+
+
+def test_the_last_minute_is_no_number_of_minutes() -> None:
+    stderr, moments = io.StringIO(), iter([0.0, 90.0])
+    with progress_bar(stderr, "building", clock=lambda: next(moments)) as show:
+        show(9, 10)
+    assert stderr.getvalue() == "building: 9 of 10, 6.0/min, less than a minute left\n"
 
 
 def test_the_rate_of_other_work_is_its_own() -> None:

@@ -270,7 +270,7 @@ def test_commands_that_read_take_every_place(raw: Places) -> None:
     assert said["folder"] == said["bucket"] == said["archive"]
     out = io.StringIO()
     assert run_command(["diff", str(raw.at("archive")), str(raw.at("bucket"))], out, io.StringIO()) == 0
-    assert out.getvalue() == "files equal, data equal\n"
+    assert out.getvalue() == "files equal by their manifests, data equal\n"
 
 
 def test_a_place_is_a_value(raw: Places) -> None:

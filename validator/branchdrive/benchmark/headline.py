@@ -90,7 +90,7 @@ def _guard_and_noise(results: Document) -> list[Passage]:
         found.append(
             Passage(
                 "Noise of outcomes",
-                ["Unknown; the ranking lock holds none, which takes nominal replays in the raw layer."],
+                ["Unknown; no ranking lock holds one: that takes a locked benchmark and nominal replays."],
             )
         )
     return found

@@ -62,13 +62,15 @@ def _document(found: DatasetDifference) -> dict[str, Any]:
 
 
 def _lines(found: DatasetDifference) -> Iterator[str]:
-    files = "files differ" if any(found.files) else "files equal"
+    files = "files differ" if any(found.files) else "files equal by their manifests"
     claims = ", descriptor differs" if found.descriptor else ""
     yield f"{files}{claims}, data {'equal' if found.has_equal_data else 'differ'}"
     differing, only_first, only_second = found.files
     if any(found.files):
         differ = "differs" if differing == 1 else "differ"
         yield f"  {counted(differing, 'file')} {differ}, {only_first} only in A, {only_second} only in B"
+    elif not found.has_equal_data:
+        yield "  a file is not what its manifest lists; run branchdrive-validate on both"
     for side, names in zip("AB", found.beside, strict=True):
         yield from _listed(f"beside the dataset, only in {side}", names)
     yield from _listed("descriptor (A, not B)", found.descriptor)

@@ -20,6 +20,9 @@ class Update(Protocol):
 _LINE_S = 60.0
 """Seconds between lines where there is no bar."""
 
+_TOLD_FROM = 3
+"""Steps after which the time left is told: the first one also starts what the others find running."""
+
 
 @contextmanager
 def progress_bar(stderr: TextIO, title: str, *, clock: Callable[[], float] = monotonic) -> Iterator[Update]:
@@ -80,12 +83,17 @@ def _minute_lines(stderr: TextIO, title: str, clock: Callable[[], float]) -> Upd
             return
         last = now
         rate = done / (now - start) if now > start else 0.0
-        left = f", {_rate(rate)}, about {(total - done) / rate / 60:.0f} min left" if rate else ""
+        left = f", {_left((total - done) / rate)}" if done >= min(_TOLD_FROM, total) and rate else ""
+        speed = f", {_rate(rate)}" if rate else ""
         with suppress(OSError, ValueError):
-            stderr.write(f"{title}{f' {note}' if note else ''}: {done:,} of {total:,}{left}\n")
+            stderr.write(f"{title}{f' {note}' if note else ''}: {done:,} of {total:,}{speed}{left}\n")
             stderr.flush()
 
     return tell
+
+
+def _left(seconds: float) -> str:
+    return f"about {seconds / 60:.0f} min left" if seconds >= 60 else "less than a minute left"
 
 
 def _rate(per_s: float) -> str:

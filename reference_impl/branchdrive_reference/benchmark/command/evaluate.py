@@ -112,7 +112,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             raise UsageError(f"--output: {str(args.output)!r} holds files; name a new folder, or an empty one")
         found, folder = _foreign(args), args.output
         if args.output is not None:
-            stderr.write(f"results, tables and figures are in {printable(str(args.output))}\n")
+            kinds = "results and tables" if args.no_figures else "results, tables and figures"
+            stderr.write(f"{kinds} are in {printable(str(args.output))}\n")
     stdout.write(format_evaluation(found, args.format, stdout, folder))
     return 0
 
