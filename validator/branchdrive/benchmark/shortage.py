@@ -1,6 +1,6 @@
 """What a population is too small for: said before models are trained, and where results are read.
 
-Source: spec/14-benchmark.md#intervals-and-tests, spec/14-benchmark.md#guard.
+Source: spec/14-benchmark.md#intervals, spec/14-benchmark.md#guard.
 """
 
 from __future__ import annotations
