@@ -28,7 +28,7 @@ class _Page(HTMLParser):
 
 
 def broken_links(site: Path) -> Iterator[str]:
-    """Links of pages below `site` that lead nowhere, and those to other hosts than people choose to follow."""
+    """Links of pages below `site` that lead to no file of it, or to no anchor of a page; other hosts are not asked."""
     pages = {path: _Page(path.read_text("utf-8")) for path in sorted(site.rglob("*.html"))}
     for path, page in pages.items():
         for target in sorted(page.targets):

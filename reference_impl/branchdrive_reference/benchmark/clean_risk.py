@@ -38,7 +38,9 @@ from branchdrive.errors import UsageError
 from branchdrive.runtime.environment import extra
 from branchdrive.text.table import Column, Passage, Table
 
-__all__ = ["CLEAN_FROM", "Calibration", "calibration", "clean_sections", "fit_clean", "judged_clean"]
+__all__ = [
+    "CLEAN_FROM", "Calibration", "calibration", "clean_sections", "fit_clean", "judged_clean", "need_forest",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,6 +80,16 @@ class Calibration(NamedTuple):
     counts: NDArray[np.int64]
 
 
+def need_forest() -> None:
+    """Make sure that a risk can be learned.
+
+    Raises:
+        PlatformError: The extra is not installed.
+    """
+    with extra("trees", of="the risk of a whole drive"):
+        import sklearn.ensemble  # noqa: F401
+
+
 def fit_clean(known: Array, endings: Endings, asked: Array) -> Array:
     """Probability that the drive of each candidate is clean ``[asked, candidates]``.
 
@@ -90,8 +102,9 @@ def fit_clean(known: Array, endings: Endings, asked: Array) -> Array:
         PlatformError: The extra is not installed.
         UsageError: All known drives of training end alike, or none is known.
     """
-    with extra("trees", of="the risk of a whole drive"):
-        from sklearn.ensemble import ExtraTreesClassifier
+    need_forest()
+    from sklearn.ensemble import ExtraTreesClassifier
+
     where, clean = endings.is_known.reshape(-1), endings.is_clean.reshape(-1)
     if len(set(clean[where].tolist())) < 2:
         raise UsageError("all known drives of training end alike, or none is known; a risk cannot be learned from them")
@@ -114,7 +127,7 @@ def calibration(probabilities: Array, endings: Endings, shares: Array) -> Calibr
 
     Args:
         probabilities: ``[groups, candidates]``.
-        endings: Of the same.
+        endings: Of the same; at least one is known.
         shares: Share of clean drives of each candidate in training ``[candidates]``.
     """
     known, clean = endings.is_known, endings.is_clean.astype(np.float64)
@@ -147,12 +160,14 @@ def clean_sections(inputs: ResultInputs, contexts: Contexts | None) -> list[Tabl
 
     Raises:
         PlatformError: The extra is not installed.
-        UsageError: The release has no endings, the protocol no baseline that reads histories, or no risk can be
-            learned.
+        UsageError: The release has no endings, or none of the reported groups is known; the protocol has no baseline
+            that reads histories; or no risk can be learned.
     """
     fitted, reported = inputs.fitted, inputs.reported
     if fitted.endings is None or reported.endings is None:
         raise UsageError("the release does not tell how drives end; build it with `--endings`")
+    if not reported.endings.is_known.any():
+        raise UsageError("no drive of the reported groups was monitored to its end; there is nothing to hold a risk to")
     histories = None if contexts is None else contexts.histories.get(_CONTRACT)
     if contexts is None or histories is None:
         raise UsageError(f"the protocol has no baseline that reads histories under {_CONTRACT!r}; the risk needs them")

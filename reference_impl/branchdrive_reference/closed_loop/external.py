@@ -2,17 +2,20 @@
 
 It is started for every decision, without a shell, and writes the action key of a candidate as its one line. What it
 says on its standard error is shown as it is. It runs with the rights of who drives: name no program that you do not
-trust.
+trust. What it starts ends with the decision, as long as it stays in the program's process group.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 import subprocess
 import tempfile
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,14 +74,16 @@ class External:
             stream.write(question)
             stream.seek(0)
             try:
-                process = subprocess.Popen(self.command, stdin=stream, stdout=subprocess.PIPE)  # noqa: S603  no shell
+                process = subprocess.Popen(  # noqa: S603  (no shell)
+                    self.command, stdin=stream, stdout=subprocess.PIPE, start_new_session=True
+                )
             except OSError as error:
                 raise UsageError(f"the selector {self.name!r} cannot be started: {error}") from error
         late = threading.Event()
 
         def end() -> None:
             late.set()
-            process.kill()
+            _kill(process)
 
         timer = threading.Timer(self.patience_s, end)
         timer.start()
@@ -86,17 +91,22 @@ class External:
             try:
                 answer = process.stdout.read(_MOST_BYTES + 1) if process.stdout is not None else b""
                 if len(answer) > _MOST_BYTES:
-                    process.kill()
                     raise UsageError(f"the selector {self.name!r} answered more than {_MOST_BYTES} bytes")
                 status = process.wait()
             finally:
                 timer.cancel()
-                process.kill()
+                _kill(process)
         if late.is_set():
             raise UsageError(f"the selector {self.name!r} gave no answer within {self.patience_s:g} s")
         if status != 0:
             raise UsageError(f"the selector {self.name!r} ended with status {status}")
         return answer
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a program that leads a session, and what it started: that could hold its answer open for ever."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _question(sight: Sight, candidates: Sequence[str]) -> dict[str, Any]:

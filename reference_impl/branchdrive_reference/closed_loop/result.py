@@ -7,7 +7,8 @@ counts of events::
     events a kilometre              sum k n / sum k w    percentiles over resamples of route clusters
     score, share of route, comfort  means                percentiles over resamples of route clusters
 
-Differences are to the nominal arm of the same schedule and condition, group by group.
+Differences are to the nominal arm of the same schedule and condition, group by group; those of collisions are over the
+groups in which both drives were monitored, and without one the gate is neither passed nor failed.
 """
 
 from __future__ import annotations
@@ -148,11 +149,13 @@ def _arms(
             there = np.isfinite(values).astype(np.float64)
             terms[f"{i} {name}"] = Terms(np.where(there > 0, values, 0.0), there)
         other = drives[references[i]]
-        hit, hit_nominal = (_shares(some)["collision"].numerator for some in (found, other))
+        hit, hit_nominal = (_shares(some)["collision"] for some in (found, other))
+        both = hit.denominator * hit_nominal.denominator  # monitored in both drives
+        more = hit.numerator - hit_nominal.numerator
         terms[f"{i} score to nominal"] = Terms(_column(found, "score") - _column(other, "score"), ones)
-        terms[f"{i} collision to nominal"] = Terms(hit - hit_nominal, ones)
-        terms[f"{i} worse"] = Terms(hit * (1 - hit_nominal), ones)
-        terms[f"{i} better"] = Terms(hit_nominal * (1 - hit), ones)
+        terms[f"{i} collision to nominal"] = Terms(more * both, both)
+        terms[f"{i} worse"] = Terms((more > 0) * both, both)
+        terms[f"{i} better"] = Terms((more < 0) * both, both)
         rates += [f"{i} worse", f"{i} better"]
     found_figures = figures(terms, names, seed=statistics["seed"], num_resamples=statistics["resamples"], rates=rates)
     tests = _tests(drives, names, arms, references, statistics)
@@ -179,7 +182,7 @@ def _arms(
                     "collision": gate,
                     "worse": figure(i, "worse"),
                     "better": figure(i, "better"),
-                    "gate_passed": gate["value"] is not None and gate["value"] <= TIE,
+                    "gate_passed": None if gate["value"] is None else gate["value"] <= TIE,
                 },
             }
         )

@@ -150,6 +150,11 @@ def _field(request: Request, release: Release) -> Field:
 def _check(field: Field, request: Request, release: Release) -> None:
     if not field.has_replay_noise and any(condition.replay > 0 for condition in request.conditions):
         raise UsageError("worlds of the collector SDK have no replay noise; leave out `--replay-noise`")
+    if request.seed == release.layer.descriptor.collection.seed:
+        raise UsageError(
+            f"--seed: {request.seed} is the seed of the release, whose groups, those of `test` among them, would be "
+            "driven; take another one"
+        )
     if "evidence" not in release.layer.descriptor.tables:
         raise UsageError("a closed loop is judged by evidence of actors and collisions, which this dataset has not")
 

@@ -191,11 +191,12 @@ def open_selectors(
         exported: Gives the file of the ONNX export of a model.
 
     Raises:
-        UsageError: There is no selector of a name.
+        UsageError: There is no selector of a name, or a program is called like one of this package.
     """
     bank, found = training.bank, dict[str, Selector]()
     baselines = {baseline.name: baseline for baseline in training.baselines}
     about: dict[str, dict[str, Any]] = {}
+    taken = (NOMINAL, CONSTANTS, ACTION_PRIOR, *baselines, ORACLE)
     wanted = [one for name in names for one in (_constants(bank) if name == CONSTANTS else [name])]
     for text in wanted:
         name, is_external, command = text.partition("=")
@@ -203,6 +204,8 @@ def open_selectors(
         selector: Selector
         if is_external:
             words = _words(text, command)
+            if name in (*taken, *bank.keys) or name.startswith(ENSEMBLE):
+                raise UsageError(f"--selector {text!r}: {name!r} is a selector of this package; take another name")
             selector, more = External(name, words, bank.keys), {"command": list(words)}
         elif name == NOMINAL:
             selector = _Fixed(NOMINAL, bank.nominal_index)
@@ -221,7 +224,7 @@ def open_selectors(
         elif name == ORACLE:
             selector = _Oracle(training)
         else:
-            there = [NOMINAL, CONSTANTS, ACTION_PRIOR, *baselines, f"{ENSEMBLE}MODEL", ORACLE, "NAME=COMMAND"]
+            there = [*taken, f"{ENSEMBLE}MODEL", "NAME=COMMAND"]
             raise UsageError(f"no selector {text!r}; there are {', '.join(there)} and the candidates of the bank")
         if name in found and about[name] != {"name": name, "sees": selector.sees, **more}:
             raise UsageError(f"two selectors are called {name!r}; give each a name of its own")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.validator.benchmark.samples import contexts, data, data_with_endings, prediction_set, whole_protocol
@@ -78,3 +80,9 @@ def test_tables_show_calibration_and_choices_beside_the_clean_oracle() -> None:
     without = ResultInputs.of(whole_protocol(), data(), prediction_set())
     with pytest.raises(UsageError, match="build it with `--endings`"):
         clean_sections(without, contexts())
+    endings = inputs.reported.endings
+    assert endings is not None
+    unknown = replace(endings, monitored=np.zeros_like(endings.monitored))
+    unmonitored = replace(inputs, reported=replace(inputs.reported, endings=unknown))
+    with pytest.raises(UsageError, match="no drive of the reported groups was monitored to its end"):
+        clean_sections(unmonitored, contexts())

@@ -103,6 +103,18 @@ def test_trees_without_their_library_are_refused_before_anything_is_trained(
         invoke("train", release, "--protocol", "trees", "--no-guard")
 
 
+def test_a_risk_without_its_library_is_refused_before_anything_is_evaluated(
+    benchmarked: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "branchdrive_reference.benchmark.evaluation.evaluate_published", lambda *_, **__: pytest.fail("evaluated")
+    )
+    monkeypatch.setitem(sys.modules, "sklearn", None)
+    monkeypatch.delitem(sys.modules, "sklearn.ensemble", raising=False)
+    with pytest.raises(PlatformError, match="the risk of a whole drive"):
+        invoke("evaluate", benchmarked, "--no-figures", "--clean-risk")
+
+
 def test_regret_by_type_is_printed_and_changes_no_file(benchmarked: Path) -> None:
     before = contents(benchmarked)
     with pytest.raises(UsageError, match="leave out `--predictions` and JSON"):

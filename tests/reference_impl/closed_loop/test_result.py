@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from branchdrive.benchmark.protocol.protocol import default_protocol
+from branchdrive.contract.bank import load_action_bank
+from branchdrive.driving.utility import Scale
 from branchdrive.statistics.cluster import Clusters
+from branchdrive_reference.closed_loop.arm import Condition, arms_of
 from branchdrive_reference.closed_loop.correlation import correlations
-from branchdrive_reference.closed_loop.outcome import driving_score
+from branchdrive_reference.closed_loop.course import Schedule
+from branchdrive_reference.closed_loop.outcome import PENALTIES, driving_score
+from branchdrive_reference.closed_loop.result import drive_results
+from branchdrive_reference.closed_loop.selector import Training
+
+BANK = load_action_bank()
 
 
 @pytest.mark.parametrize(
@@ -48,3 +59,44 @@ def test_two_selectors_or_equal_figures_have_no_correlation() -> None:
     clusters = Clusters.of(["a", "b"])
     assert correlations(np.eye(2), np.eye(2), clusters, seed=1, num_resamples=10) is None
     assert correlations(np.ones((2, 4)), np.arange(8.0).reshape(2, 4), clusters, seed=1, num_resamples=10) is None
+
+
+def driven(num_collisions: int | None) -> dict[str, Any]:
+    """A drive whose collisions with vehicles are counted, or not monitored."""
+    counts = dict.fromkeys((*PENALTIES, "off_road_infractions"), 0) | {"vehicle_collisions": num_collisions}
+    return {
+        "choices": ["nominal"], "counts": counts, "completion": "completed", "score": 1.0, "route_fraction": 1.0,
+        "way_km": 0.1, "mean_jerk_mps3": 1.0, "max_accel_mps2": 1.0, "max_yaw_rate_radps": 0.1, "interventions": 0,
+        "collision_in_first_window": False, "collision_later": False,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("counts", "difference", "passed"),
+    [
+        ([(0, 0), (0, 1), (1, 0)], 0.0, True),
+        ([(0, 2), (0, 1), (1, 0)], 1 / 3, False),
+        ([(0, 1), (1, None), (None, 0)], 1.0, False),
+        ([(None, None), (None, 1), (0, None)], None, None),
+    ],
+)
+def test_collisions_are_compared_where_both_drives_were_monitored(
+    counts: list[tuple[int | None, int | None]], difference: float | None, passed: bool | None
+) -> None:
+    bank = [[None] * 6 for _ in BANK.policies]
+    groups = [
+        {"group_id": f"g{i}", "left_out_because": None, "bank": bank, "drives": [*map(driven, pair)]}
+        for i, pair in enumerate(counts)
+    ]
+    profile, nothing = default_protocol().preferences["near_range"], np.full(5, np.nan)
+    training = Training(BANK, "near_range", profile, Scale(nothing, nothing), (), np.zeros((0, 13)), (), None)
+    found = drive_results(
+        groups, {f"g{i}": f"c{i}" for i in range(len(groups))},
+        arms_of(["brake_0.50"], [Schedule(50, 1)], [Condition("exact")]), training,
+        statistics={"seed": 1, "resamples": 20, "flips": 20}, warnings=[],
+    )["arms"][1]["to_nominal"]  # fmt: skip
+    assert found["gate_passed"] is passed
+    assert found["collision"]["value"] == (None if difference is None else pytest.approx(difference))
+    known = [pair for pair in counts if None not in pair]
+    worse = sum(not hit_nominal and bool(hit) for hit_nominal, hit in known)
+    assert found["worse"]["value"] == (pytest.approx(worse / len(known)) if known else None)

@@ -100,11 +100,18 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     assert len({entry["plan_digest"] for entry in entries}) == 1
 
 
-@pytest.mark.parametrize("name", ["nobody", "E-M9", "a=", "=x"])
+@pytest.mark.parametrize("name", ["nobody", "E-M9", "a=", "=x", "oracle=true", "E-M3=true", "brake_0.50=true"])
 def test_a_selector_that_is_none_is_one_clear_error(request_: Request, name: str) -> None:
     with pytest.raises(UsageError):
         drive(replace(request_, selectors=(name,)))
     assert not (request_.output / LOCK_NAME).exists()
+
+
+def test_groups_of_the_release_are_not_driven(request_: Request) -> None:
+    seed = json.loads((request_.release / "branchdrive.json").read_bytes())["collection"]["seed"]
+    with pytest.raises(UsageError, match="is the seed of the release"):
+        drive(replace(request_, seed=seed))
+    assert not request_.output.exists()
 
 
 @pytest.fixture(scope="module")
@@ -133,8 +140,9 @@ def test_a_program_of_others_answers_with_a_candidate(sight: Sight) -> None:
         (("no-such-program-of-anyone",), "cannot be started"),
         (("yes",), "more than 4096 bytes"),
         (("sleep", "60"), "no answer within 0.2 s"),
+        (("sh", "-c", "sleep 60 & wait"), "no answer within 0.2 s"),
     ],
 )  # fmt: skip
 def test_a_hostile_answer_is_one_clear_error(sight: Sight, command: tuple[str, ...], message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        External("mine", command, BANK.keys, patience_s=0.2 if command[0] == "sleep" else 30.0)(sight)
+        External("mine", command, BANK.keys, patience_s=0.2 if "no answer" in message else 30.0)(sight)

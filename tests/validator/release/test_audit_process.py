@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -212,6 +213,20 @@ def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.Monk
         audit_in_own_process(task_of(NOBODY), Parts(), interrupt)
     (pid,) = started
     wait_for(lambda: not session_of(pid))
+
+
+def test_an_interrupt_leaves_no_rows_behind(task_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    there: list[str] = []
+
+    def interrupt(*_: Any) -> None:
+        there.extend(path.name for path in tmp_path.glob("branchdrive-*/*"))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        audit_in_own_process(replace(task_of(NOBODY), jobs=2), Parts(), interrupt)
+    assert there and not [*tmp_path.glob("branchdrive-*")]
 
 
 @dataclass(frozen=True)

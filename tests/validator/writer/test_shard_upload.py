@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -94,6 +95,14 @@ def test_a_claim_that_was_changed_is_not_replaced(server: BucketServer, tmp_path
     with pytest.raises(UsageError, match="another dataset is being uploaded there"):
         upload.finish()
     assert f"drives/{MANIFEST_FILE}" not in server.objects
+
+
+def test_shards_whose_folder_is_gone_are_not_mixed_with_new_ones(server: BucketServer, tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    collect(root, range(2), ShardUpload.at(Folder(root), URL)).close()
+    shutil.rmtree(root)
+    with pytest.raises(UsageError, match=r"holds 'raw/shard-00000/.*, which .* has not"):
+        ShardUpload.at(Folder(root), URL)
 
 
 def test_where_a_dataset_is_nothing_is_collected(server: BucketServer, tmp_path: Path) -> None:

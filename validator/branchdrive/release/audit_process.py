@@ -10,10 +10,11 @@ Source: spec/10-layers.md#layers.
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, Pipe
@@ -71,8 +72,12 @@ def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = N
 
     With more jobs than one, other processes of one thread each hold what is seen, and this one a few numbers a group.
     """
+    with Spool.temporary() as spool:
+        return _audited(task, spool, parts_of, progress)
+
+
+def _audited(task: AuditTask, spool: Spool, parts_of: PartsOf, progress: Progress | None) -> dict[str, Any]:
     with ExitStack() as stack:
-        spool = stack.enter_context(Spool.temporary())
         draw = SpreadDraw(spool, stack.enter_context(standing(task.jobs))) if task.jobs > 1 else drawn_here
         inputs, seen = draw.keep(_collected, task.inputs)
         key = audit_key(
@@ -105,13 +110,13 @@ def _collected(inputs: Callable[[], ReplayInputs]) -> tuple[ReplayInputs, SeenIn
 
 
 def audit_in_own_process(task: AuditTask, parts_of: PartsOf, progress: Progress | None = None) -> dict[str, Any]:
-    """The audit as JSON, from a process of its own; the process ends when this call does, however it ends.
+    """The audit as JSON, from a process of its own; it ends when this call does, however it ends, with what it wrote.
 
     Raises:
         ToolError: The process died, of a lack of memory for example.
     """
     here, there = Pipe()
-    with here:
+    with Spool.temporary() as spool, here:  # a process that is killed removes nothing
         with there:
             process = subprocess.Popen(  # noqa: S603  (this interpreter and this module)
                 python_command("-m", __name__, str(there.fileno())),
@@ -121,14 +126,15 @@ def audit_in_own_process(task: AuditTask, parts_of: PartsOf, progress: Progress 
                 start_new_session=True,  # an interrupt from the keyboard is the parent's to tell of
             )
         try:
-            here.send(task)
+            here.send((task, spool))
             return _serve(here, parts_of, progress)
         except (EOFError, ConnectionError) as error:
             raise ToolError(
                 "the process of the leakage audit died; give it more memory, or leave the audit out"
             ) from error
         finally:
-            process.kill()
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
 
 
@@ -178,10 +184,10 @@ class _AskedParts:
 def _work(connection: Connection) -> None:
     """Carry out the task that comes through `connection`."""
     try:
-        task = connection.recv()
+        task, spool = connection.recv()
         try:
             parts_of = partial(_AskedParts.of, connection)
-            document = audit_here(task, parts_of, lambda *step: connection.send(("progress", *step)))
+            document = _audited(task, spool, parts_of, lambda *step: connection.send(("progress", *step)))
         except (EOFError, ConnectionError):
             raise
         except Exception as error:  # it is the parent's

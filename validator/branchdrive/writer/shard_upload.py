@@ -2,7 +2,7 @@
 
 The prefix is claimed for the writer of one folder. When the dataset is finished, the claim is replaced by that for its
 manifest, if nobody has changed it, and the upload ends as that of any dataset: what is not there yet, and the manifest
-last and once. A killed run goes on in the same folder.
+last and once. A killed run goes on in the same folder, as long as that has all that was sent.
 
 Source: spec/03-layout.md#archives.
 """
@@ -45,12 +45,20 @@ class ShardUpload:
         """The upload below the prefix at a URL, which is asked now: before hours of work, not after them.
 
         Raises:
-            UsageError: It is no prefix that can be written, or holds a dataset and the folder does not.
+            UsageError: It is no prefix that can be written, or holds what the folder does not: that was collected
+                elsewhere, or here and is gone, and shards that are made anew may have other bytes.
             PlatformError: The store cannot be reached or refuses.
         """
         target = Bucket.for_writing(url)
         if MANIFEST_FILE in target.versions and dataset.status(MANIFEST_FILE) is None:
             raise UsageError(f"{target} holds a finished dataset; name a prefix without objects")
+        for path, version in sorted(target.versions.items()):
+            found = dataset.status(path)
+            if path not in (CLAIM_FILE, MANIFEST_FILE) and (found is None or found.size != version.size):
+                raise UsageError(
+                    f"{target} holds {path!r}, which {dataset} has not; name a prefix without objects, or the folder "
+                    "where it was collected"
+                )
         return cls(dataset, target, {*target.versions})
 
     def send_shards(self) -> None:

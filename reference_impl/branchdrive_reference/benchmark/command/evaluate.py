@@ -92,6 +92,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         )
     if not args.no_figures and (args.predictions is None or args.output is not None):
         need_plots()
+    if args.clean_risk:
+        from branchdrive_reference.benchmark.clean_risk import need_forest
+
+        need_forest()
     if args.predictions is None:
         from branchdrive_reference.benchmark.evaluation import evaluate_published
 
