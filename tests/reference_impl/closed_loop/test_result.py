@@ -9,6 +9,7 @@ from scipy import stats
 from branchdrive.statistics.cluster import Clusters
 from branchdrive_reference.closed_loop.correlation import correlations
 from branchdrive_reference.closed_loop.outcome import driving_score
+from branchdrive_reference.closed_loop.result import _distinct
 
 
 @pytest.mark.parametrize(
@@ -48,3 +49,8 @@ def test_two_selectors_or_equal_figures_have_no_correlation() -> None:
     clusters = Clusters.of(["a", "b"])
     assert correlations(np.eye(2), np.eye(2), clusters, seed=1, num_resamples=10) is None
     assert correlations(np.ones((2, 4)), np.arange(8.0).reshape(2, 4), clusters, seed=1, num_resamples=10) is None
+
+
+def test_selectors_that_choose_the_same_everywhere_are_one_point() -> None:
+    brake, wait = ("brake_0.50",), ("nominal",)
+    assert _distinct({2: [wait, wait], 3: [brake, wait], 5: [wait, wait], 6: [wait, brake]}) == [2, 3, 6]
