@@ -24,12 +24,12 @@ CONCLUSIONS = (
     "own decisions led to. All arms share seeds, so differences to nominal are those of the same situations. They do "
     "not say how any selector would drive elsewhere: expert, traffic and physics are those of one simulator. Between "
     "and after interventions the world's privileged expert drives, a supervised expert and no autonomous driving. "
-    "Nominal therefore has its foresight, and a selector shows what its interventions add or cost. Groups whose "
-    "nominal pass is not complete are left out, so that nominal comes to its goal in all of these, and there is more "
-    "to lose against it than to gain. Learned selectors have seen branches of training alone: a first decision is what "
-    "they were fitted for. Later decisions are made in states that no training branch has, which is why both are told "
-    "apart. An event that was not seen in this many drives may happen in the next one, as the upper ends of intervals "
-    "tell. The gate says that collisions were not more here; it proves no bound. Nothing here is called safe."
+    "Nominal therefore has its foresight, and a selector shows what its interventions add or cost. Where "
+    "nominal drives to its goal without an event, a selector can lose score against it and gain none. Learned "
+    "selectors have seen branches of training alone: a first decision is what they were fitted for. Later decisions "
+    "are made in states that no training branch has, which is why both are told apart. An event that was not seen in "
+    "this many drives may happen in the next one, as the upper ends of intervals tell. The gate says that collisions "
+    "were not more here; it proves no bound. Nothing here is called safe."
 )
 """What a reader may and may not conclude."""
 
