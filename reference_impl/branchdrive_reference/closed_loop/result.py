@@ -224,8 +224,10 @@ def _tests(
 
 def _distinct(choices: Mapping[int, Sequence[tuple[str, ...]]]) -> list[int]:
     """Places of arms whose choices, group by group, are not those of an earlier arm."""
-    first = {tuple(made): place for place, made in reversed(choices.items())}
-    return sorted(first.values())
+    first: dict[tuple[tuple[str, ...], ...], int] = {}
+    for place, made in choices.items():
+        first.setdefault(tuple(made), place)
+    return list(first.values())
 
 
 def _offline(
