@@ -13,7 +13,10 @@ from branchdrive_reference.closed_loop.external import PATIENCE_S
 
 PAGE = (ROOT / "docs" / "driving.md").read_text(encoding="utf-8")
 LINES = [
-    shlex.split(line) for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S) for line in block.splitlines() if line
+    shlex.split(line.removeprefix("PYTHONPATH=. "))
+    for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S)
+    for line in block.splitlines()
+    if line
 ]
 
 

@@ -20,7 +20,7 @@ from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.durable import replace_file
+from branchdrive.formats.durable import partial_path, replace_file
 from branchdrive.formats.named_file import read_named_file
 from branchdrive.runtime.file_lock import FileLock
 from branchdrive_reference.benchmark.release import Release
@@ -102,7 +102,7 @@ def keep_lock(folder: Path, document: Mapping[str, Any]) -> None:
     """
     path, content = folder / LOCK_NAME, dump_json(document)
     if not path.exists():
-        if any(folder.iterdir()):
+        if {*folder.iterdir()} - {partial_path(path)}:  # which a run leaves that is killed while it locks
             raise UsageError(f"--output: {str(folder)!r} holds files and no {LOCK_NAME}; name a new folder")
         replace_file(path, content)
     elif read_named_file(path, spec_limits().max_document_bytes) != content:

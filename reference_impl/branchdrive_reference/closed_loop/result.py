@@ -45,7 +45,10 @@ SHARES = (*EVENTS, "clean", "completed", "collision_in_first_window", "collision
 MEANS = ("route_fraction", "score", "mean_jerk_mps3", "max_accel_mps2", "max_yaw_rate_radps", "interventions")
 
 OFFLINE = ("value", "regret", "contact")
-"""Offline figures of the first choice; of the last two, lower is better."""
+"""Offline figures of the first choice; of the last two, lower is better.
+
+A contact is a separation of 0 from an actor in a saved frame, so that a collision with a wall is none.
+"""
 
 _COUNTS: Mapping[str, tuple[str, ...]] = {
     "collision": ("pedestrian_collisions", "vehicle_collisions", "static_collisions"),
@@ -222,6 +225,14 @@ def _tests(
     return {i: {"p": p, "p_adjusted": holms, "p_is_bound": is_bound} for i, p, holms, is_bound in rows}
 
 
+def _distinct(choices: Mapping[int, Sequence[tuple[str, ...]]]) -> list[int]:
+    """Places of arms whose choices, group by group, are not those of an earlier arm."""
+    first: dict[tuple[tuple[str, ...], ...], int] = {}
+    for place, made in choices.items():
+        first.setdefault(tuple(made), place)
+    return list(first.values())
+
+
 def _offline(
     driven: Sequence[Document],
     names: Sequence[str],
@@ -267,7 +278,8 @@ def _offline(
     ]
     rows = []
     for schedule in dict.fromkeys(arms[i].schedule for i in exact):
-        places = [i for i in exact if arms[i].schedule == schedule]
+        at_schedule = [i for i in exact if arms[i].schedule == schedule]
+        places = _distinct({i: [tuple(driven[g]["drives"][i]["choices"]) for g in ranked] for i in at_schedule})
         scores = np.stack([[driven[g]["drives"][i]["score"] for g in ranked] for i in places], axis=1)
         for figure in OFFLINE:
             sign = 1.0 if figure == "value" else -1.0

@@ -23,18 +23,20 @@ CONCLUSIONS = (
     "These drives say how selectors compare in this world, on these routes, when each decides from the states that its "
     "own decisions led to. All arms share seeds, so differences to nominal are those of the same situations. They do "
     "not say how any selector would drive elsewhere: expert, traffic and physics are those of one simulator. Between "
-    "and after interventions the world's privileged expert drives, a supervised expert and no autonomous driving, so "
-    "that nominal has its foresight, and a selector shows what its interventions add or cost. Learned selectors have "
-    "seen branches of training alone: what they do at a first decision is what they were fitted for, and later "
-    "decisions are made in states that no training branch has, which is why both are told apart. An event that was "
-    "not seen in this many drives may happen in the next one, as the upper ends of intervals tell. The gate says that "
-    "collisions were not more here; it proves no bound. Nothing here is called safe."
+    "and after interventions the world's privileged expert drives, a supervised expert and no autonomous driving. "
+    "Nominal therefore has its foresight, and a selector shows what its interventions add or cost. Where "
+    "nominal drives to its goal without an event, a selector can lose score against it and gain none. Learned "
+    "selectors have seen branches of training alone: a first decision is what they were fitted for. Later decisions "
+    "are made in states that no training branch has, which is why both are told apart. An event that was not seen in "
+    "this many drives may happen in the next one, as the upper ends of intervals tell. The gate says that collisions "
+    "were not more here; it proves no bound. Nothing here is called safe."
 )
 """What a reader may and may not conclude."""
 
 _EVENT_TITLES = {"collision": "Collision", "off_road": "Off road", "infraction": "Red light or stop sign"}
 _FIGURE_TITLES = {"value": "value", "regret": "regret", "contact": "contact in the window"}
-_WHO = (Column.name("Selector"), Column("Decisions"))
+_GATE = {True: "passed", False: "failed", None: "not judged"}
+_WHO = (Column.name("Selector"), Column("Decisions", is_text=True))
 
 
 def render_drives(results: Document) -> str:
@@ -102,10 +104,10 @@ def _drives(arms: Sequence[Document], condition: str) -> Table:
         for arm in arms
     ]
     notes = [
-        "Shares of drives, with intervals of Clopper and Pearson by route clusters. Clean: without any of these. "
-        "The driving score has the form of the CARLA leaderboard's and is none of its scores: share of the route, less "
-        "the share of the way off road, times .50, .60 and .65 for each collision with a pedestrian, a vehicle and "
-        "something static, .70 for a red light and .80 for a stop sign."
+        "Shares of drives, with intervals of Clopper and Pearson by route clusters. Clean: without any of these.",
+        "The driving score has the form of the CARLA leaderboard's and is none of its scores. It is the share of the "
+        "route, less the share of the way off road. Each collision is a factor, of .50 with a pedestrian, .60 with a "
+        "vehicle and .65 with something static; each red light is one of .70, each stop sign one of .80.",
     ]
     return Table(f"Drives, {condition}", columns, rows, notes, has_intervals=True)
 
@@ -145,7 +147,10 @@ def _decisions(arms: Sequence[Document], condition: str) -> Table:
         ]
         for arm in arms
     ]
-    notes = ["That window: the 2.5 s of the first decision. Later is whatever comes after it."]
+    notes = [
+        "That window: the 2.5 s from the first decision on, in which later ones fall where they come sooner. Later is "
+        "whatever comes after it."
+    ]
     return Table(f"First decision and later ones, {condition}", columns, rows, notes, has_intervals=True)
 
 
@@ -164,12 +169,13 @@ def _against_nominal(arms: Sequence[Document], condition: str) -> Table:
         if found is not None:
             score = found["score"]
             p = p_text(score["p_adjusted"], score["p_is_bound"])
-            passed = "passed" if found["gate_passed"] else "failed"
+            passed = _GATE[found["gate_passed"]]
             rows.append([*_who(arm), _cell(score), p, percents(found["worse"]), percents(found["better"]), passed])
     notes = [
         "Group by group, to nominal under the same schedule and noise. Tests flip signs of whole route clusters, and "
-        "are adjusted over every selector, schedule and condition of the run. The gate, fixed before the first drive, "
-        "fails where more drives collide than nominal's."
+        "are adjusted over every selector, schedule and condition of the run.",
+        "The gate, fixed before the first drive, fails where more drives collide than nominal's, of those that were "
+        "both monitored, and is not judged without one.",
     ]
     return Table(f"Against nominal, {condition}", columns, rows, notes, has_intervals=True)
 
@@ -183,8 +189,11 @@ def _offline(results: Document) -> Table:
     columns = [Column.name("Selector"), Column("Value"), Column("Regret"), Column("Contact")]
     notes = [
         f"What the first choice of each selector is worth in its window of 2.5 s, profile {results['profile']}, in "
-        f"{counted(found['num_ranked'], 'group')} in which every candidate has a utility: the bank was driven at the "
-        "branch, so that offline figures and drives are of the same groups."
+        f"{counted(found['num_ranked'], 'group')} in which every candidate has a utility. The bank was driven at the "
+        "branch, so that offline figures and drives are of the same groups.",
+        "Contact: a separation of 0 m to an actor in a saved frame of the window. That is less than a collision of a "
+        "drive, which is any touch: also of walls and other things of the world that are no actors, from which no "
+        "separation is measured, and between saved frames.",
     ]
     return Table("Offline figures of the same groups", columns, rows, notes, has_intervals=True)
 
@@ -202,9 +211,10 @@ def _orders(results: Document) -> Table:
             [_who({"selector": "", **row})[1], _FIGURE_TITLES[row["figure"]], str(row["num_selectors"]), *cells]
         )
     notes = [
-        f"Whether the offline figure orders selectors as their driving scores do; of {', '.join(OFFLINE[1:])} less is "
-        "better, and their sign is turned. Intervals of 95 % resample route clusters: they tell what other groups "
-        f"would have given, not what other selectors would. With fewer than {LEAST_SELECTORS} selectors, or "
-        "a figure that is the same for all, there is none."
+        f"Whether the offline figure orders selectors as their driving scores do. Of {' and '.join(OFFLINE[1:])} less "
+        "is better, and their sign is turned. Selectors that made the same choices in all groups count once.",
+        "Intervals of 95 % resample route clusters: they tell what other groups would have given, not what other "
+        f"selectors would. With fewer than {LEAST_SELECTORS} selectors, or a figure that is the same for all, there is "
+        "none.",
     ]
     return Table("Offline against closed loop", columns, rows, notes, has_intervals=True)

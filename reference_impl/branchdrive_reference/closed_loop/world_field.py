@@ -72,7 +72,10 @@ class WorldField:
             module = importlib.import_module(module_name)
             found = getattr(module, attribute)
         except (ImportError, AttributeError, ValueError) as error:
-            raise UsageError(f"--world: {self.name!r} is no MODULE:NAME that can be imported: {error}") from error
+            raise UsageError(
+                f"--world: {self.name!r} is no MODULE:NAME that can be imported: {error}; Python does not look "
+                "in the current folder here, but it does in folders of the variable PYTHONPATH"
+            ) from error
         if isinstance(found, WorldCollector):
             return found
         if not isinstance(found, Mapping) or not found:

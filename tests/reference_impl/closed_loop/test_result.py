@@ -16,8 +16,9 @@ from branchdrive_reference.closed_loop.arm import Condition, arms_of
 from branchdrive_reference.closed_loop.correlation import correlations
 from branchdrive_reference.closed_loop.course import Schedule
 from branchdrive_reference.closed_loop.outcome import PENALTIES, driving_score
-from branchdrive_reference.closed_loop.result import drive_results
+from branchdrive_reference.closed_loop.result import _distinct, drive_results
 from branchdrive_reference.closed_loop.selector import Training
+from branchdrive_reference.closed_loop.table import drive_sections
 
 BANK = load_action_bank()
 
@@ -90,13 +91,21 @@ def test_collisions_are_compared_where_both_drives_were_monitored(
     ]
     profile, nothing = default_protocol().preferences["near_range"], np.full(5, np.nan)
     training = Training(BANK, "near_range", profile, Scale(nothing, nothing), (), np.zeros((0, 13)), (), None)
-    found = drive_results(
+    results = drive_results(
         groups, {f"g{i}": f"c{i}" for i in range(len(groups))},
         arms_of(["brake_0.50"], [Schedule(50, 1)], [Condition("exact")]), training,
         statistics={"seed": 1, "resamples": 20, "flips": 20}, warnings=[],
-    )["arms"][1]["to_nominal"]  # fmt: skip
+    )  # fmt: skip
+    (table,) = (section for section in drive_sections(results) if section.title.startswith("Against nominal"))
+    assert table.rows[0][-1] == {True: "passed", False: "failed", None: "not judged"}[passed]
+    found = results["arms"][1]["to_nominal"]
     assert found["gate_passed"] is passed
     assert found["collision"]["value"] == (None if difference is None else pytest.approx(difference))
     known = [pair for pair in counts if None not in pair]
     worse = sum(not hit_nominal and bool(hit) for hit_nominal, hit in known)
     assert found["worse"]["value"] == (pytest.approx(worse / len(known)) if known else None)
+
+
+def test_selectors_that_choose_the_same_everywhere_are_one_point() -> None:
+    brake, wait = ("brake_0.50",), ("nominal",)
+    assert _distinct({2: [wait, wait], 3: [brake, wait], 5: [wait, wait], 6: [wait, brake]}) == [2, 3, 6]

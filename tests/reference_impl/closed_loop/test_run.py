@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import pickle
 import shutil
+import signal
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +17,11 @@ import pytest
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import make_release
 from tests.reference_impl.closed_loop.roads import KNOWN_ROADS, Roads
+from tests.repo.checkout import ROOT
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.errors import UsageError
+from branchdrive.formats.durable import partial_path
 from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
 from branchdrive_reference.closed_loop.course import Course, Schedule
 from branchdrive_reference.closed_loop.external import External
@@ -54,6 +60,26 @@ def drive(request: Request, **options: Any) -> dict[str, Any]:
     return drive_release(request, field=Roads.make(), **options).results
 
 
+KILLED = """
+import os, pickle, signal, sys
+from branchdrive_reference.closed_loop.run import drive_release
+from tests.reference_impl.closed_loop.roads import Roads
+
+def kill_after_one(done, total):
+    if done == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+drive_release(pickle.load(sys.stdin.buffer), field=Roads.make(), watch=kill_after_one)
+"""
+"""A process that is gone once a group is driven."""
+
+
+def killed(request: Request) -> int:
+    """Status of a process that drives until it is killed."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, "-c", KILLED], input=pickle.dumps(request), env=environment).returncode
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -74,16 +100,9 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     tables = (whole.output / "TABLES.md").read_text(encoding="utf-8")
     assert tables.startswith(f"# Closed loop\n\n## What may and may not be concluded\n\n{CONCLUSIONS}\n")
 
-    class KilledError(Exception):
-        pass
-
-    def kill(done: int, total: int) -> None:
-        assert (request_.output / LOCK_NAME).exists()
-        if done == 1:
-            raise KilledError
-
-    with pytest.raises(KilledError):
-        drive(request_, watch=kill)
+    request_.output.mkdir()
+    partial_path(request_.output / LOCK_NAME).write_bytes(b"{")  # what an earlier kill leaves
+    assert killed(request_) == -signal.SIGKILL
     (first,) = (request_.output / "groups").iterdir()
     written = first.stat().st_mtime_ns
     drive(request_)
