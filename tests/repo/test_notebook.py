@@ -79,7 +79,7 @@ def test_the_damage_of_the_tutorial_is_found(raw: Path) -> None:
     report = validate(raw)
     assert report.verdict == "invalid"
     assert "BD-MOT-006" in {found.rule for found in report.findings}
-    assert "branchdrive rules BD-MOT-006" in TUTORIAL
+    assert "branchdrive rules BD-RSP-007" in TUTORIAL  # which takes more attempts than are here
     assert any("as what is in km/h" in str(found.found) for found in report.findings)
 
 
