@@ -19,7 +19,7 @@ from tests.validator.engine.rules.release import release_draft
 
 from branchdrive.cli import inspect_text
 from branchdrive.cli.main import run
-from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.columns import LAYER_TABLES, TABLES
 from branchdrive.formats.descriptor_file import read_descriptor
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.place import open_store
@@ -296,3 +296,10 @@ def test_the_lines_of_heavy_libraries_load_the_rows(library: str, package: str, 
     scope: dict[str, object] = {}
     exec("\n".join(found[library]), scope)
     assert len(scope["rows"]) == open_dataset(raw).rollouts().num_rows  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("table", "row"), [("actors", "observation and actor"), ("map", "town and element"), ("evidence", "observation")]
+)
+def test_what_has_a_row_is_all_of_the_key(table: str, row: str) -> None:
+    assert inspect_text._rate(TABLES[table]) == row

@@ -26,6 +26,9 @@ _NAMED = 40
 
 _LIBRARY_WIDTH = 12
 
+_SEVERAL = {"actor_id": "actor", "camera": "camera", "element_id": "element"}
+"""What a tick, an observation or a town has several of, by its column of the key."""
+
 
 def print_overview(console: Console, found: Overview) -> None:
     """A dataset: what it is, its groups, its tables, and how to load them."""
@@ -128,8 +131,9 @@ def _table_of_tables(found: Overview) -> Table:
 
 
 def _rate(table: Declared) -> str:
-    """What has a row: a tick or an observation of an attempt, where a rate is declared."""
-    return {"20 Hz": "tick", "4 Hz": "observation"}.get(table.rate, table.rate.removeprefix("per "))
+    """What has a row: a tick or an observation of an attempt, where a rate is declared, and several of each."""
+    of = {"20 Hz": "tick", "4 Hz": "observation"}.get(table.rate, table.rate.removeprefix("per "))
+    return " and ".join([of, *(_SEVERAL[name] for name in table.key if name in _SEVERAL)])
 
 
 def _rows(files: TableFiles) -> str:
