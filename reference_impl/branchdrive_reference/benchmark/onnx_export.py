@@ -26,6 +26,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from branchdrive.benchmark.prediction.inputs import utility_scale
+from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import TARGETS
@@ -34,6 +36,7 @@ from branchdrive.errors import BranchDriveError
 from branchdrive.model.features import HISTORIES
 from branchdrive.model.reader import ModelLayer
 from branchdrive.runtime.environment import extra
+from branchdrive_reference.benchmark.release import Release, benchmark_data
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.image_encoder import open_encoder
 from branchdrive_reference.learning.image_encoding import ENCODINGS, VIEWS
@@ -43,6 +46,7 @@ from branchdrive_reference.learning.ranker import VIEW_CAMERAS, BankNetwork, Cam
 
 __all__ = [
     "CAMERA_INPUTS", "INPUTS", "OPSET", "OUTPUT", "STEPS", "TOLERANCE", "check_equal", "contexts_of",
+    "export_locked",
     "export_selector", "largest_difference", "open_selector",
 ]  # fmt: skip
 
@@ -162,6 +166,26 @@ def _use_operators(network: nn.Module) -> None:
     for module in network.modules():
         if isinstance(module, SequenceEncoder):
             module.register_module("recur", _GruOperator(module.recur))
+
+
+def export_locked(
+    release: Release, protocol: BenchmarkProtocol, checkpoints: Sequence[Checkpoint]
+) -> tuple[bytes, float]:
+    """The model of locked checkpoints, with scale and profiles of the protocol, and its difference to torch on `val`.
+
+    Raises:
+        PlatformError: The extra is not installed.
+        UsageError: The models are none that can be ranked with.
+        BranchDriveError: The difference is larger than `TOLERANCE`.
+    """
+    content = export_selector(
+        checkpoints,
+        release.layer,
+        scale=utility_scale(protocol, benchmark_data(release)),
+        profiles=protocol.preferences,
+        origin={"release": release.manifest.identity, "protocol": protocol.digest},
+    )
+    return content, check_equal(content, checkpoints, release.layer)
 
 
 def check_equal(

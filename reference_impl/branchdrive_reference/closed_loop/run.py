@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE
@@ -18,7 +17,7 @@ from branchdrive.runtime.environment import extra
 from branchdrive.runtime.file_lock import FileLock
 from branchdrive.runtime.progress import unwatched
 from branchdrive_reference.benchmark.document import published_protocol
-from branchdrive_reference.benchmark.release import Release, benchmark_data, open_release
+from branchdrive_reference.benchmark.release import Release, open_release
 from branchdrive_reference.closed_loop.arm import Condition, arms_of
 from branchdrive_reference.closed_loop.course import Schedule
 from branchdrive_reference.closed_loop.execution import GroupDriver, drive_groups, read_groups
@@ -160,22 +159,16 @@ def _check(field: Field, request: Request, release: Release) -> None:
 
 
 def _exported(release: Release, protocol: BenchmarkProtocol, model: str, folder: Path) -> Path:
-    """The ONNX export of a locked model, made anew: the lock names its digest."""
+    """The ONNX export of a locked model, held against torch, in a file of its own: the lock names its digest."""
     from branchdrive_reference.benchmark.prediction import locked_checkpoints
 
     with extra("models", "export", of="a selector `E-MODEL`"):
-        from branchdrive_reference.benchmark.onnx_export import export_selector
+        from branchdrive_reference.benchmark.onnx_export import export_locked
     lock, declared = release.document(LOCK_FILE), protocol.model(model)
     checkpoints = [] if lock is None or declared is None else locked_checkpoints(release, lock, model)
     if not checkpoints:
         raise UsageError(f"{release.root}: has no locked checkpoint of {model!r}; run `branchdrive benchmark` first")
-    content = export_selector(
-        checkpoints,
-        release.layer,
-        scale=utility_scale(protocol, benchmark_data(release)),
-        profiles=protocol.preferences,
-        origin={"release": release.manifest.identity, "protocol": protocol.digest},
-    )
+    content, _ = export_locked(release, protocol, checkpoints)
     make_dir(folder)
     path = folder / f"{model}.onnx"
     replace_file(path, content)

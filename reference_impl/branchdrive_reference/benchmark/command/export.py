@@ -34,13 +34,12 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """
     check_output(args.output, outside=args.release)
     need_models("export")
-    from branchdrive.benchmark.prediction.inputs import utility_scale
     from branchdrive.contract.layout import LOCK_FILE
     from branchdrive.formats.durable import replace_file
     from branchdrive_reference.benchmark.document import published_protocol
-    from branchdrive_reference.benchmark.onnx_export import check_equal, export_selector
+    from branchdrive_reference.benchmark.onnx_export import export_locked
     from branchdrive_reference.benchmark.prediction import locked_checkpoints
-    from branchdrive_reference.benchmark.release import benchmark_data, open_release
+    from branchdrive_reference.benchmark.release import open_release
 
     release = open_release(args.release)
     lock = release.document(LOCK_FILE)
@@ -51,14 +50,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if not checkpoints:
         raise UsageError(f"{args.release}: has no locked checkpoint of {args.model!r}; run `branchdrive predict` first")
     stderr.write(f"exporting {args.model}, and comparing it with torch on `val`\n")
-    content = export_selector(
-        checkpoints,
-        release.layer,
-        scale=utility_scale(protocol, benchmark_data(release)),
-        profiles=protocol.preferences,
-        origin={"release": release.manifest.identity, "protocol": protocol.digest},
-    )
-    difference = check_equal(content, checkpoints, release.layer)
+    content, difference = export_locked(release, protocol, checkpoints)
     replace_file(args.output, content)
     stdout.write(
         f"{printable(str(args.output))}: {args.model}, {counted(len(checkpoints), 'seed')}, {len(content):,} bytes, "
