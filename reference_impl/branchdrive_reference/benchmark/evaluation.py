@@ -93,7 +93,7 @@ def evaluate_published(
     Args:
         workspace: The working area of the release.
         protocol: The one in force.
-        show: Told how far it is.
+        show: Called with how far it is.
         with_figures: Whether figures are drawn.
         with_types: Whether regret is broken down by scenario type too.
         with_clean_risk: Whether the risk of a whole drive is learned and selected with.

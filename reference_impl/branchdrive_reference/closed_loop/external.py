@@ -70,7 +70,7 @@ class External:
         return self.candidates.index(key)
 
     def _answer(self, question: bytes) -> bytes:
-        with tempfile.TemporaryFile() as stream:  # no pipe to write to, so that nobody waits for the other
+        with tempfile.TemporaryFile() as stream:  # no pipe, on which one process could wait for the other
             stream.write(question)
             stream.seek(0)
             try:

@@ -175,7 +175,7 @@ class _Oracle:
 
     def __call__(self, sight: Sight) -> int:
         found = utility(sight.look_ahead(), self.training.scale, self.training.profile)
-        if not np.isfinite(found).all():  # the drive ends within a window, or nobody is near: nothing to compare
+        if not np.isfinite(found).all():  # the drive ends within a window, or no actor is near: nothing to compare
             return self.training.bank.nominal_index
         return int(choose(found))
 

@@ -153,7 +153,7 @@ def caching(executor: Executor, folder: PrivateFolder, use: CacheUse, *, recheck
     Args:
         executor: What runs tasks; where it does so on another machine, the cache may be missing there.
         folder: Where results are kept.
-        use: Is told what was taken.
+        use: Counts what was taken.
         recheck: Share of what is taken that is judged again.
         day: Number of the day; on each, others are judged again.
     """

@@ -141,5 +141,5 @@ def _read(path: Path) -> bytes:
 
 
 def _digest(name: str, value: bytes) -> bytes:
-    """Digest of a value under its name, so that one that was renamed is told."""
+    """Digest of a value under its name, so that a renamed one is noticed."""
     return hashlib.sha256(b"\0".join((name.encode(), value))).digest()

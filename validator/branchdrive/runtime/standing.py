@@ -1,4 +1,4 @@
-"""An executor for who calls often: its processes stay from call to call, and what functions keep stays with them."""
+"""An executor whose processes stay from call to call, and with them what functions keep between tasks."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ Result = TypeVar("Result")
 
 @contextmanager
 def standing(jobs: int) -> Iterator[Executor]:
-    """Executor over `jobs` bounded processes that stay from call to call, for who calls often.
+    """Executor over `jobs` bounded processes that stay from call to call.
 
-    They start with the first task, keep what functions keep between tasks, and end with the block.
+    They start with the first task, keep what functions keep between tasks, and end with the block, which waits for
+    tasks that run, also after an error: a caller that must not wait runs it in a process that can be killed.
     """
     with ExitStack() as stack, ThreadPoolExecutor(jobs) as threads:
         idle: SimpleQueue[BoundedProcess] = SimpleQueue()
