@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import count
 from pathlib import Path
 from socketserver import TCPServer
 from typing import Any, Literal
@@ -37,6 +38,7 @@ class BucketServer:
         requests: Method and key of every request, of a listing the key is empty.
         queries: Their queries.
         uploads: Parts of uploads that were begun, by number.
+        numbers: Names of uploads to come.
         is_reversed: Whether keys are listed from the last to the first.
         page: Keys of a listing that one answer holds.
         released: Set when no request is to hang any longer.
@@ -51,6 +53,7 @@ class BucketServer:
     requests: list[tuple[str, str]] = field(default_factory=list)
     queries: list[dict[str, list[str]]] = field(default_factory=list)
     uploads: dict[str, dict[int, bytes]] = field(default_factory=dict)
+    numbers: Iterator[int] = field(default_factory=count)
     is_reversed: bool = False
     page: int = _PAGE
     released: threading.Event = field(default_factory=threading.Event)
@@ -239,7 +242,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         with self.state.lock:
             if "uploads" in query:
-                upload = f"upload-{len(self.state.requests)}"
+                upload = f"upload-{next(self.state.numbers)}"
                 self.state.uploads[upload] = {}
                 self._answer(200, f"<InitiateMultipartUploadResult><UploadId>{upload}</UploadId>"
                                   "</InitiateMultipartUploadResult>".encode())  # fmt: skip
