@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from branchdrive.benchmark.cell import number
 from branchdrive.benchmark.prediction.inputs import ResultInputs
 from branchdrive.benchmark.prediction.metric.ending import Endings
-from branchdrive.benchmark.protocol.selection import CLEAN_ORACLE, ENSEMBLE, ORACLE
+from branchdrive.benchmark.protocol.selection import CLEAN_ORACLE, ENSEMBLE, ORACLE, Prior
 from branchdrive.benchmark.ranking.baseline import estimate
 from branchdrive.benchmark.ranking.context import Contexts
 from branchdrive.benchmark.ranking.ending import SelectedEndings, selected_endings
@@ -36,6 +36,7 @@ from branchdrive.benchmark.ranking.selected_table import percents
 from branchdrive.driving.utility import predicted_utility, utility
 from branchdrive.errors import UsageError
 from branchdrive.runtime.environment import extra
+from branchdrive.statistics import rounding
 from branchdrive.text.table import Column, Passage, Table
 
 __all__ = [
@@ -156,7 +157,7 @@ def clean_sections(inputs: ResultInputs, contexts: Contexts | None) -> list[Tabl
 
     Args:
         inputs: Of the results.
-        contexts: What baselines see; histories under `sensor` and, for `type_prior`, scenario types.
+        contexts: What baselines see; histories under `sensor` and, for priors, scenario types.
 
     Raises:
         PlatformError: The extra is not installed.
@@ -186,8 +187,8 @@ def clean_sections(inputs: ResultInputs, contexts: Contexts | None) -> list[Tabl
 
 def _calibration_table(found: Calibration) -> Table:
     rows = [
-        [f"{low / _BINS:.1f} to {(low + 1) / _BINS:.1f}", str(count), number(_real(said)), number(_real(happened))]
-        for low, (count, said, happened) in enumerate(zip(found.counts, found.said, found.happened, strict=True))
+        [f"{low / _BINS:.1f} to {(low + 1) / _BINS:.1f}", str(count), *(number(rounding.number(v)) for v in shares)]
+        for low, (count, *shares) in enumerate(zip(found.counts, found.said, found.happened, strict=True))
     ]
     columns = [Column.name("Probability"), Column("Candidates"), Column("Mean"), Column("Clean drives, share")]
     notes = [
@@ -235,14 +236,14 @@ def _profile_section(
 
 
 def _scores(inputs: ResultInputs, contexts: Contexts, profile: str) -> Mapping[str, Array]:
-    """Estimated utilities ``[groups, candidates]`` of the declared baselines and of the mean of each model's seeds."""
+    """Estimated utilities ``[groups, candidates]`` of priors of scenario types and of each model's mean over seeds."""
     scale, preference = inputs.utility_scale, inputs.protocol.preferences[profile]
     trained = utility(inputs.fitted.targets, scale, preference)
     groups: tuple[Sequence[str], Sequence[str]] = (inputs.fitted.groups, inputs.reported.groups)
     found = {
         one.name: estimate(one, contexts, groups[0], trained, groups[1])
         for one in inputs.protocol.baselines
-        if one.name == "type_prior"
+        if isinstance(one, Prior) and one.by == ("scenario_type",)
     }
     report = inputs.protocol.partitions.report
     for model in inputs.judged:
@@ -254,7 +255,3 @@ def _scores(inputs: ResultInputs, contexts: Contexts, profile: str) -> Mapping[s
 def _row(name: str, regret: float, ends: SelectedEndings) -> list[str]:
     rates = (ends.rates[end]._asdict() for end in ("clean", "collision", "off_road", "completed"))
     return [name, number(regret), *map(percents, rates)]
-
-
-def _real(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

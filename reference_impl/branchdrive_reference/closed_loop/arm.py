@@ -64,6 +64,5 @@ class Arm:
 
 
 def arms_of(selectors: Sequence[str], schedules: Sequence[Schedule], conditions: Sequence[Condition]) -> list[Arm]:
-    """Every selector under every schedule in every condition; nominal, which others are held against, is among them."""
-    names = list(selectors) if NOMINAL in selectors else [NOMINAL, *selectors]
-    return [Arm(name, schedule, condition) for condition in conditions for schedule in schedules for name in names]
+    """Every selector, nominal among them, under every schedule in every condition."""
+    return [Arm(name, schedule, condition) for condition in conditions for schedule in schedules for name in selectors]

@@ -13,6 +13,7 @@ from branchdrive.cli.output import check_output
 from branchdrive.cli.place import folder
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
+from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
 from branchdrive.exit_code import EXIT_INTERRUPTED
 from branchdrive.runtime.environment import extra
@@ -122,7 +123,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if args.format == "text":
         stdout.write(_summary(args.output, found.results))
     else:
-        stdout.write(found.tables if args.format == "markdown" else found.document.decode())
+        stdout.write(found.tables if args.format == "markdown" else dump_json(found.results).decode())
     return 0
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from branchdrive.runtime.environment import extra
 from branchdrive.statistics.bootstrap import resampled_counts
 from branchdrive.statistics.cluster import Clusters
-from branchdrive.statistics.rounding import slack, sums
+from branchdrive.statistics.rounding import number, slack, sums
 
 __all__ = ["COEFFICIENTS", "LEAST_SELECTORS", "correlations"]
 
@@ -59,7 +59,7 @@ def correlations(
     drawn = _coefficients(*means)
     ends = np.quantile(drawn, [0.025, 0.975], axis=0).T if len(drawn) else np.full((len(COEFFICIENTS), 2), np.nan)
     return {
-        name: {"value": value, "low": _known(low), "high": _known(high)}
+        name: {"value": value, "low": number(low), "high": number(high)}
         for name, value, (low, high) in zip(COEFFICIENTS, estimates[0].tolist(), ends.tolist(), strict=True)
     }
 
@@ -72,16 +72,23 @@ def _coefficients(x: Array, y: Array) -> Array:
     x, y = (values[varies[0] & varies[1]] for values in (x, y))
     if not len(x):
         return np.zeros((0, len(COEFFICIENTS)))
-    ranks = [stats.rankdata(values, axis=1) for values in (x, y)]
+    levels = [_levels(values) for values in (x, y)]
+    ranks = [stats.rankdata(values, axis=1) for values in levels]
     return np.stack(
         [
             stats.pearsonr(*ranks, axis=1).statistic,
-            [stats.kendalltau(*row).statistic for row in zip(x, y, strict=True)],
+            [stats.kendalltau(*row).statistic for row in zip(*levels, strict=True)],
             stats.pearsonr(x, y, axis=1).statistic ** 2,
         ],
         axis=1,
     )
 
 
-def _known(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def _levels(values: Array) -> NDArray[np.int64]:
+    """Levels of values ``[R, S]`` in ascending order, those that tie on one: last bits order no selectors."""
+    order = np.argsort(values, axis=1)
+    rises = np.diff(np.take_along_axis(values, order, axis=1), axis=1)
+    parted = rises > slack(np.abs(values).max(axis=1, keepdims=True))
+    levels = np.zeros(values.shape, np.int64)
+    np.put_along_axis(levels, order[:, 1:], np.cumsum(parted, axis=1), axis=1)
+    return levels

@@ -10,7 +10,6 @@ at twice, and what was seen at first may have decided what was driven then.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -128,7 +127,7 @@ def record_access(release: Release, lock: Mapping[str, Any]) -> list[dict[str, A
         DatasetError: The record cannot be read.
     """
     path = ledger_path(release)
-    entry = {"event": "drives_executed", "plan_digest": lock["plan_digest"], "lock_digest": _digest(lock)}
+    entry = {"event": "drives_executed", "plan_digest": lock["plan_digest"], "lock_digest": lock_digest(lock)}
     with FileLock(path.with_name(f".{path.name}.lock")):
         entries = _entries(path)
         if entry not in [{name: one[name] for name in entry} for one in entries]:
@@ -146,10 +145,6 @@ def warnings_of(entries: Sequence[Mapping[str, Any]], lock: Mapping[str, Any]) -
         f"The population of this plan was driven under {len(locks)} locks: selectors, schedules or noise may have been "
         "chosen by what was seen before, and results on it are optimistic. A plan of another seed is untouched."
     ]
-
-
-def _digest(lock: Mapping[str, Any]) -> str:
-    return hashlib.sha256(dump_json(lock)).hexdigest()
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:

@@ -72,8 +72,7 @@ def make_plan(field: Field, seed: int, num_groups: int, known: Sequence[Route]) 
     for index in range(_TRIES * num_groups):
         if len(places) == num_groups:
             break
-        place = field.place(seed, index)
-        route = field.route(place)
+        place, route = field.place(seed, index)
         key = (place.town, place.route_id, route.points.tobytes())
         if key not in is_known:
             is_known[key] = _lies_in(route, known)

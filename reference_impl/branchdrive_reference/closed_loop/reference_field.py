@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 
 from branchdrive.collector.recording import Record
 from branchdrive.contract.bank import load_action_bank
@@ -22,7 +21,7 @@ from branchdrive_reference.simulation.placement import place_branch
 from branchdrive_reference.simulation.record import record
 from branchdrive_reference.town.route import town_routes
 from branchdrive_reference.town.town import town
-from branchdrive_reference.version import SIMULATOR_NAME, SIMULATOR_VERSION
+from branchdrive_reference.version import SIMULATOR_NAME, simulator_version
 
 __all__ = ["ReferenceField"]
 
@@ -61,21 +60,17 @@ class ReferenceField:
     @property
     def simulator(self) -> str:
         """Name and version of the simulator, with the libraries that decide its bits."""
-        libraries = ".".join(f"{name}.{version(name)}" for name in ("numba", "numpy", "pymunk"))
-        return f"{SIMULATOR_NAME} {SIMULATOR_VERSION}+{libraries}"
+        return f"{SIMULATOR_NAME} {simulator_version()}"
 
     def _plan(self, seed: int, index: int) -> PlannedGroup:
         return plan_group(seed, index, self.scenario_types, self.branches)
 
-    def place(self, seed: int, index: int) -> Place:
+    def place(self, seed: int, index: int) -> tuple[Place, Route]:
         """See `Field`."""
         plan = self._plan(seed, index)
         spec = plan.spec
-        return Place(index, plan.group_id, spec.scenario_type, spec.town, spec.route_id, spec.seed)
-
-    def route(self, place: Place) -> Route:
-        """See `Field`."""
-        return _route(place.town, place.route_id)
+        place = Place(index, plan.group_id, spec.scenario_type, spec.town, spec.route_id, spec.seed)
+        return place, _route(spec.town, spec.route_id)
 
     def routes_of(self, release: Release, groups: Sequence[str]) -> list[Route]:
         """See `Field`; a town has its routes by their ids."""

@@ -68,12 +68,10 @@ class Found:
 
     Attributes:
         results: Document ``results.json``.
-        document: Its bytes.
         tables: ``TABLES.md``.
     """
 
     results: dict[str, Any]
-    document: bytes
     tables: str
 
 
@@ -121,8 +119,8 @@ def drive_release(
             read_groups(request.output, plan), clusters, arms, training, statistics=statistics,
             warnings=warnings_of(entries, lock),
         )  # fmt: skip
-        found = Found(results, dump_json(results), render_drives(results))
-        replace_file(request.output / "results.json", found.document)
+        found = Found(results, render_drives(results))
+        replace_file(request.output / "results.json", dump_json(results))
         replace_file(request.output / "TABLES.md", found.tables.encode())
     return found
 
@@ -136,8 +134,7 @@ def _held(output: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        lock.path.unlink(missing_ok=True)
-        lock.release()
+        lock.remove()
 
 
 def _field(request: Request, release: Release) -> Field:

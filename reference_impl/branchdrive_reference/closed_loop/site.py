@@ -113,11 +113,8 @@ class Field(Protocol):
     def simulator(self) -> str:
         """Name and version of the simulator."""
 
-    def place(self, seed: int, index: int) -> Place:
-        """The planned group at a place of the population with a seed."""
-
-    def route(self, place: Place) -> Route:
-        """Its route."""
+    def place(self, seed: int, index: int) -> tuple[Place, Route]:
+        """The planned group at a place of the population with a seed, and its route."""
 
     def routes_of(self, release: Release, groups: Sequence[str]) -> list[Route]:
         """Distinct routes of groups of a release.

@@ -82,8 +82,12 @@ def drive_sections(results: Document) -> list[Table | Passage]:
 
 
 def _who(arm: Document) -> list[str]:
-    once = arm["num_decisions"] == 1
-    return [arm["selector"], "1" if once else f"up to {arm['num_decisions']}, every {arm['every_ticks']} ticks"]
+    return [arm["selector"], _decisions_text(arm)]
+
+
+def _decisions_text(schedule: Document) -> str:
+    number_of = schedule["num_decisions"]
+    return "1" if number_of == 1 else f"up to {number_of}, every {schedule['every_ticks']} ticks"
 
 
 def _cell(figure: Document, digits: int = 3) -> str:
@@ -161,7 +165,7 @@ def _choices(counts: Mapping[str, int]) -> str:
 def _against_nominal(arms: Sequence[Document], condition: str) -> Table:
     columns = [
         *_WHO, Column("Score less nominal's"), Column("p, Holm"), Column("Collides where nominal does not"),
-        Column("Does not where nominal does"), Column("Gate"),
+        Column("Does not where nominal does"), Column("Collisions less nominal's"), Column("Gate"),
     ]  # fmt: skip
     rows = []
     for arm in arms:
@@ -169,13 +173,13 @@ def _against_nominal(arms: Sequence[Document], condition: str) -> Table:
         if found is not None:
             score = found["score"]
             p = p_text(score["p_adjusted"], score["p_is_bound"])
-            passed = _GATE[found["gate_passed"]]
-            rows.append([*_who(arm), _cell(score), p, percents(found["worse"]), percents(found["better"]), passed])
+            shares = (percents(found[name]) for name in ("worse", "better", "collision"))
+            rows.append([*_who(arm), _cell(score), p, *shares, _GATE[found["gate_passed"]]])
     notes = [
         "Group by group, to nominal under the same schedule and noise. Tests flip signs of whole route clusters, and "
         "are adjusted over every selector, schedule and condition of the run.",
         "The gate, fixed before the first drive, fails where more drives collide than nominal's, of those that were "
-        "both monitored, and is not judged without one.",
+        "both monitored, and is not judged without one. The interval is no part of it.",
     ]
     return Table(f"Against nominal, {condition}", columns, rows, notes, has_intervals=True)
 
@@ -207,9 +211,7 @@ def _orders(results: Document) -> Table:
     for row in results["correlations"]:
         found = row["coefficients"]
         cells = [NONE] * len(COEFFICIENTS) if found is None else [_cell(found[name]) for name in COEFFICIENTS]
-        rows.append(
-            [_who({"selector": "", **row})[1], _FIGURE_TITLES[row["figure"]], str(row["num_selectors"]), *cells]
-        )
+        rows.append([_decisions_text(row), _FIGURE_TITLES[row["figure"]], str(row["num_selectors"]), *cells])
     notes = [
         f"Whether the offline figure orders selectors as their driving scores do. Of {' and '.join(OFFLINE[1:])} less "
         "is better, and their sign is turned. Selectors that made the same choices in all groups count once.",

@@ -89,16 +89,12 @@ class WorldField:
     def _plan(self, seed: int, index: int) -> GroupPlan:
         return plan_groups(seed, index + 1, tuple(self.collector.makers))[index]
 
-    def place(self, seed: int, index: int) -> Place:
-        """See `Field`."""
+    def place(self, seed: int, index: int) -> tuple[Place, Route]:
+        """See `Field`; the world is reset for it, once."""
         plan = self._plan(seed, index)
         scene = self.collector.world(plan.scenario_type).reset(plan.seed)
-        return Place(index, plan.group_id, plan.scenario_type, scene.town, scene.route_id, plan.seed)
-
-    def route(self, place: Place) -> Route:
-        """See `Field`."""
-        scene = self.collector.world(place.scenario_type).reset(place.seed)
-        return Route(scene.town, resample_polyline(scene.route_x_m, scene.route_y_m))
+        place = Place(index, plan.group_id, plan.scenario_type, scene.town, scene.route_id, plan.seed)
+        return place, Route(scene.town, resample_polyline(scene.route_x_m, scene.route_y_m))
 
     def routes_of(self, release: Release, groups: Sequence[str]) -> list[Route]:
         """See `Field`; the raw layer has the polylines."""
@@ -146,14 +142,8 @@ class WorldSite:
             return "the nominal pass has no branch"
         return Nominal(branch.branch_tick, np.array(run.applied, np.float32).reshape(-1, 3))
 
-    def begin(self, nominal: Nominal, *, replay_noise: float, num_decisions: int) -> WorldPassage:
-        """See `Site`.
-
-        Raises:
-            UsageError: Replay noise is asked for, which is the world's own matter.
-        """
-        if replay_noise > 0:
-            raise UsageError("worlds of the collector SDK have no replay noise; leave out `--replay-noise`")
+    def begin(self, nominal: Nominal, *, replay_noise: float, num_decisions: int) -> WorldPassage:  # noqa: ARG002
+        """See `Site`; `has_replay_noise` says that worlds have none."""
         return WorldPassage(self, nominal, num_decisions)
 
 

@@ -6,8 +6,6 @@ The descriptor that the collector writes for its datasets.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 from branchdrive.collector.campaign import check_begun, run_campaign
@@ -34,7 +32,7 @@ from branchdrive_reference.collect.group import execute_group
 from branchdrive_reference.collect.plan import plan_group, select_scenarios
 from branchdrive_reference.town.elements import Element, town_elements
 from branchdrive_reference.town.town import TOWN_NAMES, town
-from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, SIMULATOR_VERSION
+from branchdrive_reference.version import COLLECTOR_NAME, COLLECTOR_VERSION, SIMULATOR_NAME, simulator_version
 from branchdrive_reference.world.vehicle import MAX_BRAKE_MPS2, MAX_DRIVE_MPS2, MAX_STEER_RAD, WHEELBASE_M
 
 __all__ = ["collect", "collection_descriptor", "town_maps"]
@@ -102,13 +100,6 @@ def collect(
         return run_campaign(writer, plans, execute_group, jobs=jobs, prepare=prepare, watch=watch)
 
 
-@cache
-def _simulator_version() -> str:
-    """Version of the simulator and of the libraries that decide its bits: a collection never mixes them."""
-    libraries = (f"{name}.{version(name)}" for name in ("numba", "numpy", "pymunk"))
-    return f"{SIMULATOR_VERSION}+{'.'.join(libraries)}"
-
-
 def town_maps() -> dict[str, tuple[Element, ...]]:
     """Elements of the maps of all towns, by name."""
     return {name: town_elements(town(name)) for name in TOWN_NAMES}
@@ -140,7 +131,7 @@ def collection_descriptor(
         dataset_version="0.1.0",
         title="Matched interventions in the BranchDrive reference world",
         licence="CC-BY-4.0",
-        simulator=Software(name=SIMULATOR_NAME, version=_simulator_version()),
+        simulator=Software(name=SIMULATOR_NAME, version=simulator_version()),
         collector=Software(name=COLLECTOR_NAME, version=COLLECTOR_VERSION),
         streams=("ego_route_state", "actor_risk_evidence", "map", "controls", "route_result"),
         action_bank=bank,

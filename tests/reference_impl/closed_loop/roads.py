@@ -42,8 +42,7 @@ class Roads(WorldField):
         """Routes of the roads `KNOWN_ROADS`, half a metre beside them."""
         found = []
         for index in range(200):
-            place = self.place(1, index)
+            place, route = self.place(1, index)
             if place.route_id in {f"road-{road}" for road in KNOWN_ROADS}:
-                town, points = self.route(place)
-                found.append(Route(town, points + np.array([0.0, 0.5])))
+                found.append(Route(route.town, route.points + np.array([0.0, 0.5])))
         return found

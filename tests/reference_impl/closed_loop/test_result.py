@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from branchdrive.benchmark.protocol.protocol import default_protocol
+from branchdrive.benchmark.ranking.selected_table import percents
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.driving.utility import Scale
 from branchdrive.statistics.cluster import Clusters
@@ -56,6 +57,18 @@ def test_correlations_are_those_of_means_over_groups() -> None:
     assert same is not None and same["kendall"] == found["kendall"]
 
 
+def test_last_bits_order_no_selectors() -> None:
+    # The first two means are one number, which rounding makes two.
+    offline = np.array([[0.1, 0.3, 0.5, 0.7], [0.2, 0.2, 0.5, 0.7], [0.3, 0.1, 0.5, 0.7]])
+    driven = np.array([[4.0, 1.0, 2.0, 3.0]] * 3)
+    assert len(set(offline.mean(axis=0))) == 4
+    found = correlations(offline, driven, Clusters.of(["a", "a", "a"]), seed=1, num_resamples=10)
+    assert found is not None
+    tied, order = [1, 1, 2, 3], [4, 1, 2, 3]
+    assert found["spearman"]["value"] == pytest.approx(stats.spearmanr(tied, order).statistic, abs=1e-12)
+    assert found["kendall"]["value"] == pytest.approx(stats.kendalltau(tied, order).statistic, abs=1e-12)
+
+
 def test_two_selectors_or_equal_figures_have_no_correlation() -> None:
     clusters = Clusters.of(["a", "b"])
     assert correlations(np.eye(2), np.eye(2), clusters, seed=1, num_resamples=10) is None
@@ -93,12 +106,13 @@ def test_collisions_are_compared_where_both_drives_were_monitored(
     training = Training(BANK, "near_range", profile, Scale(nothing, nothing), (), np.zeros((0, 13)), (), None)
     results = drive_results(
         groups, {f"g{i}": f"c{i}" for i in range(len(groups))},
-        arms_of(["brake_0.50"], [Schedule(50, 1)], [Condition("exact")]), training,
+        arms_of(["nominal", "brake_0.50"], [Schedule(50, 1)], [Condition("exact")]), training,
         statistics={"seed": 1, "resamples": 20, "flips": 20}, warnings=[],
     )  # fmt: skip
     (table,) = (section for section in drive_sections(results) if section.title.startswith("Against nominal"))
     assert table.rows[0][-1] == {True: "passed", False: "failed", None: "not judged"}[passed]
     found = results["arms"][1]["to_nominal"]
+    assert table.rows[0][-2] == percents(found["collision"])
     assert found["gate_passed"] is passed
     assert found["collision"]["value"] == (None if difference is None else pytest.approx(difference))
     known = [pair for pair in counts if None not in pair]

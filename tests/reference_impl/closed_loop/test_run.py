@@ -13,12 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import make_release
 from tests.reference_impl.closed_loop.roads import KNOWN_ROADS, Roads
 from tests.repo.checkout import ROOT
 
+from branchdrive.collector.world import Scene
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import partial_path
@@ -26,9 +28,10 @@ from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
 from branchdrive_reference.closed_loop.course import Course, Schedule
 from branchdrive_reference.closed_loop.external import External
 from branchdrive_reference.closed_loop.lock import LOCK_NAME
+from branchdrive_reference.closed_loop.plan import make_plan
 from branchdrive_reference.closed_loop.run import Request, drive_release
 from branchdrive_reference.closed_loop.sight import SensorNoise, Sight
-from branchdrive_reference.closed_loop.site import Nominal
+from branchdrive_reference.closed_loop.site import Nominal, Route
 from branchdrive_reference.closed_loop.table import CONCLUSIONS
 
 BANK = load_action_bank()
@@ -124,6 +127,20 @@ def test_a_selector_that_is_none_is_one_clear_error(request_: Request, name: str
     with pytest.raises(UsageError):
         drive(replace(request_, selectors=(name,)))
     assert not (request_.output / LOCK_NAME).exists()
+
+
+def test_a_world_is_reset_once_for_every_place_of_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    field, seeds = Roads.make(), list[int]()
+    world = field.collector.world("ParkedObstacle")
+    reset = world.reset
+
+    def counted(seed: int) -> Scene:
+        seeds.append(seed)
+        return reset(seed)
+
+    monkeypatch.setattr(world, "reset", counted)
+    plan = make_plan(field, 1, 3, [Route("elsewhere", np.zeros((32, 2)))])
+    assert seeds == [place.seed for place in plan.places]
 
 
 def test_groups_of_the_release_are_not_driven(request_: Request) -> None:

@@ -48,12 +48,7 @@ def test_a_waiting_lock_is_taken_when_its_holder_lets_go(path: Path) -> None:
 def test_a_lock_whose_file_was_removed_is_taken_on_the_new_file(path: Path) -> None:
     holder, other = FileLock(path), FileLock(path)
     holder.acquire(blocking=True)
-
-    def remove_and_release() -> None:
-        path.unlink()
-        holder.release()
-
-    threading.Timer(0.05, remove_and_release).start()
+    threading.Timer(0.05, holder.remove).start()
     with other:
         assert path.exists()
         assert not FileLock(path).acquire(blocking=False)

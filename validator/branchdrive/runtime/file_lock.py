@@ -71,6 +71,11 @@ class FileLock:
             _held.discard(self)
             os.close(descriptor)
 
+    def remove(self) -> None:
+        """Remove the file and give the lock back; removed after that, it could be a file that somebody else holds."""
+        self.path.unlink(missing_ok=True)
+        self.release()
+
     def __enter__(self) -> Self:
         self.acquire(blocking=True)
         return self

@@ -367,8 +367,7 @@ def _draft_of(target: Path) -> Iterator[Path]:
         move(draft, target)
     finally:
         delete(draft)
-        lock.path.unlink(missing_ok=True)
-        lock.release()
+        lock.remove()
 
 
 def _place_shard(source: _Source, draft: Path) -> int:
