@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from branchdrive.card.release_card import ADDED, REQUIRED
+from branchdrive.card.card import ADDED, REQUIRED
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json, schema_mismatches
 from branchdrive.contract.layer import LAYERS

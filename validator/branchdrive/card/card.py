@@ -15,31 +15,37 @@ from itertools import pairwise
 from typing import Any
 
 from branchdrive.card.claims import EXCLUDED_CLAIMS, INTENDED_USES
-from branchdrive.card.filtering import filtering_lines
+from branchdrive.card.fidelity import fidelity_section
 from branchdrive.card.front_matter import front_matter
 from branchdrive.card.selected import ending_section, selected_section
-from branchdrive.contract.columns import Table
+from branchdrive.contract.columns import LAYER_TABLES, Table
 from branchdrive.contract.descriptor import Descriptor, ReplayNoise, Vehicle
-from branchdrive.contract.layer import LAYERS, table_pattern
+from branchdrive.contract.layer import LAYERS, paths_by_table, table_pattern
+from branchdrive.contract.layout import FILTERING_FILE, LEAKAGE_FILE, RESULTS_FILE, SOURCE_FILE
 from branchdrive.contract.text import count_text, counted, one_line, percent
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.ledger import RELEASE_ACCESS, accesses
 from branchdrive.quality.text import (
     PARTITION_TITLES,
-    UNITS,
     access_sentence,
     benchmark_sentences,
     calibration_sentences,
     population_sentences,
-    target_sentences,
-    threshold_text,
 )
 from branchdrive.text.markdown import grid
 from branchdrive.text.table import Column
 
-__all__ = ["render_card"]
+__all__ = ["ADDED", "REQUIRED", "release_card", "render_card"]
 
 Document = Mapping[str, Any]
+
+_QUALITY = ("population", "split", "thresholds", "retention", "ledger", "variants")
+
+REQUIRED = {"source": SOURCE_FILE, **{name: f"quality/{name}.json" for name in _QUALITY}}
+"""Documents that every card is made of: paths by the argument of `render_card`."""
+
+ADDED = {"leakage": LEAKAGE_FILE, "filtering": FILTERING_FILE, "results": RESULTS_FILE}
+"""Those that a release may do without."""
 
 _DISPOSITIONS = {
     "selected": "stand for their group and action",
@@ -52,6 +58,20 @@ _DISPOSITIONS = {
     "foreign_nominal": "executed against another nominal than the chosen one",
     "superseded": "duplicates or retries of a selected attempt",
 }
+
+
+def release_card(descriptor: Descriptor, documents: Mapping[str, Any], files: Collection[str] = ()) -> str:
+    """The card as Markdown.
+
+    Args:
+        descriptor: Of the release.
+        documents: Its documents by path; others than `REQUIRED` and `ADDED` are not looked at.
+        files: Paths of its files, of which those of optional tables count.
+    """
+    required = {name: documents[path] for name, path in REQUIRED.items()}
+    added: dict[str, Any] = {name: documents.get(path) for name, path in ADDED.items()}
+    optional = [name for name in paths_by_table(files) if LAYER_TABLES[name].optional]
+    return render_card(descriptor, **required, **added, optional=optional)
 
 
 def render_card(
@@ -81,7 +101,7 @@ def render_card(
         _population(population),
         _attempts(source),
         _split(split),
-        _fidelity(thresholds, retention, ledger, filtering),
+        fidelity_section(thresholds, retention, ledger, filtering),
         ["## Action leakage", "", " ".join(leakage_sentences(leakage))],
         _variants(variants),
         *(section for section in (selected_section(results), ending_section(results)) if section),
@@ -247,47 +267,6 @@ def _split(split: Document) -> list[str]:
         "",
         f"Digest of the assignment: `{split['digest']}`.",
     ]
-
-
-def _fidelity(thresholds: Document, retention: Document, ledger: Document, filtering: Document | None) -> list[str]:
-    return [
-        "## Replay fidelity",
-        "",
-        f"Every intervention replays its nominal up to the branch. The largest discrepancy of each variable must stay "
-        f"within a threshold: the {percent(thresholds['quantile'], 0)} quantile (higher order statistic) over "
-        f"{thresholds['num_groups']:,} structurally eligible training groups.",
-        "",
-        *grid(
-            [*_texts("Variable", "Criterion"), Column("Threshold")],
-            [[f"`{v['name']}`", v["criterion"], threshold_text(v, thresholds)] for v in thresholds["variables"]],
-        ),
-        "",
-        *([] if filtering is None else filtering_lines(filtering)),
-        f"Retention over all integrity-complete groups, with {percent(retention['level'], 0)} intervals over "
-        f"{retention['num_resamples']:,} resamples of whole groups:",
-        "",
-        *grid(
-            [
-                *_texts("Criterion", "Partition", "Unit"),
-                *map(Column, ("Passed", "Share", "Interval")),
-                *_texts("Target"),
-            ],
-            [_retained(row) for row in retention["rows"]],
-        ),
-        "",
-        *(f"On the test partition {sentence}" for sentence in target_sentences(retention)),
-        access_sentence(ledger),
-        *benchmark_sentences(ledger),
-    ]
-
-
-def _retained(row: Document) -> list[str]:
-    share, interval, target = "-", "-", f"{percent(row['target'], 0)}, not judged"
-    if None not in (row["share"], row["low"], row["high"]):
-        share, interval = percent(row["share"]), f"{percent(row['low'])} to {percent(row['high'])}"
-        target = f"{percent(row['target'], 0)}, {'met' if row['met'] else '**not met**'}"
-    passed = f"{row['num_passed']:,} of {row['num_units']:,}"
-    return [row["criterion"], PARTITION_TITLES[row["partition"]], UNITS[row["unit"]], passed, share, interval, target]
 
 
 def _variants(variants: Document) -> list[str]:

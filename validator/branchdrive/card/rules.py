@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from branchdrive.card.card import ADDED, REQUIRED, release_card
 from branchdrive.card.licence import render_licence
-from branchdrive.card.release_card import ADDED, REQUIRED, release_card
 from branchdrive.contract.comparison import document_mismatches
 from branchdrive.contract.layout import CARD_FILE, DESCRIPTOR_FILE, LICENCE_FILE, SOURCE_FILE
 from branchdrive.contract.mismatch import Check, PreconditionError

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from branchdrive.card.card import release_card
 from branchdrive.card.croissant import croissant
 from branchdrive.card.licence import render_licence
-from branchdrive.card.release_card import release_card
 from branchdrive.contract.companion import CROISSANT_FILE, IGNORE_FILE, Companions
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from branchdrive.card.release_card import ADDED, REQUIRED, release_card
+from branchdrive.card.card import ADDED, REQUIRED, release_card
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import parse_json
 from branchdrive.contract.layer import LAYERS, Layer

@@ -23,8 +23,8 @@ from tests.validator.engine.rules.draft import Draft
 from tests.validator.quality.whole import duplicate_flags, filtering_document, retention_document, threshold_document
 
 from branchdrive.canonical.record import source_counts
+from branchdrive.card.card import release_card
 from branchdrive.card.licence import render_licence
-from branchdrive.card.release_card import release_card
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
