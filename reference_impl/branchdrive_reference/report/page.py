@@ -4,33 +4,16 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
-from branchdrive.cli.formats.causes import causes
-from branchdrive.cli.formats.outcome import (
-    Level,
-    also_in,
-    failures,
-    folded,
-    headline,
-    refusals,
-    sizes,
-    summary,
-    unjudged,
-    verdict_level,
-    waiver_text,
-    with_companions,
-)  # fmt: skip
+from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place
 from branchdrive.cli.funnel import funnel_table
-from branchdrive.contract.resources import rule_page
+from branchdrive.contract.resources import rule_page_text
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted
-from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.report import Report
-from branchdrive.engine.tally import Tally
-from branchdrive.engine.verdict import is_waived
 from branchdrive_reference.report.facts import DatasetReport, scenes
 from branchdrive_reference.report.gallery import Card, Gallery, played_group
 from branchdrive_reference.report.picture import forest, funnel_bars
@@ -48,13 +31,6 @@ _IMAGE_BYTES_BESIDE = 6_000_000
 _MOST_LOST = 2000
 _FINDINGS_SHOWN = 3
 _FINDINGS_LISTED = 50
-
-_HEADS: Mapping[Level, str] = {
-    "error": "What is wrong",
-    "warning": "What is not as recommended",
-    "note": "Why attempts and groups do not qualify, and what is waived",
-}
-_TONES: Mapping[str, str] = {"error": "error", "warning": "warning", "note": "note"}
 
 
 class Pages(NamedTuple):
@@ -80,13 +56,14 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
         folder: Name of the folder of such pages; ``None`` where groups beyond the budget stay small drawings.
     """
     bank = None if report.descriptor is None else report.descriptor.action_bank
+    outcome = Outcome.of(report.validation, _FINDINGS_LISTED)
     style = asset("report.css") + ("" if bank is None else palette(bank))
     gallery = Gallery(report, folder)
     cards = gallery.cards()
     context = {
         "title": _title(report),
         "opens": False,
-        "head": _head(report),
+        "head": _head(report, outcome),
         "not_shown": report.not_shown,
         "contents": [],
         "families": {} if bank is None else families(bank),
@@ -98,7 +75,7 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
         "shared": island(shared_data(bank, gallery.towns)),
         "sections": sections(report),
         "figures": [(label(key), _data_uri(content)) for key, content in report.figures.items()],
-        **_validation_context(report.validation),
+        **_validation_context(report.validation, outcome),
     }
     context["contents"] = _contents(context)
     page = rendered_page("report.html.j2", style, **context)
@@ -113,9 +90,9 @@ def _title(report: DatasetReport) -> str:
     return f"{label(facts.dataset_id)} {label(str(facts.dataset_version))}"
 
 
-def _head(report: DatasetReport) -> dict[str, Any]:
+def _head(report: DatasetReport, outcome: Outcome) -> dict[str, Any]:
     validation = report.validation
-    facts, level = validation.dataset, verdict_level(validation)
+    facts, level = validation.dataset, outcome.level
     found = {
         "shards, files": f"{facts.num_shards:,}, {facts.num_files:,}",
         "raw layer at": facts.raw_path or "",
@@ -124,12 +101,12 @@ def _head(report: DatasetReport) -> dict[str, Any]:
     }
     return {
         "verdict": validation.verdict,
-        "meaning": headline(validation).removeprefix(f"{validation.verdict} - ") + ".",
-        "tone": "good" if validation.verdict == "valid" and level == "note" else _TONES[level],
-        "refusals": [*refusals(validation), *_contradiction(validation)],
+        "meaning": outcome.headline.removeprefix(f"{validation.verdict} - ") + ".",
+        "tone": "good" if validation.verdict == "valid" and level == "note" else level,
+        "refusals": [*outcome.refusals, *_contradiction(validation)],
         "errors": validation.errors,
         "conditions": validation.conditions,
-        "sizes": sizes(validation) + with_companions(validation),
+        "sizes": outcome.sizes + outcome.companions,
         "path": facts.path,
         "facts": [fact for fact in found.items() if fact[1]],
         "version": validation.validator_version,
@@ -157,14 +134,10 @@ def _more(count: int, noun: str) -> str:
     return f"and {counted(count, f'more {noun}')}; `branchdrive report --format json` lists all" if count > 0 else ""
 
 
-def _validation_context(validation: Report) -> dict[str, Any]:
+def _validation_context(validation: Report, outcome: Outcome) -> dict[str, Any]:
     """Funnel, lost groups, findings and rule pages."""
     lost = [group for group in validation.groups or () if not group.qualifies]
-    grouped: dict[Level, list[dict[str, Any]]] = {}
-    named = set()
-    for level, tally in failures(validation):
-        named.add(tally.rule_id)
-        grouped.setdefault(level, []).append(_tally(level, tally, validation))
+    named = {failure.info.id for *_, failures in outcome.sections for failure in failures}
     named |= {rule for group in lost for rule in group.rules}
     response = validation.response
     return {
@@ -173,54 +146,42 @@ def _validation_context(validation: Report) -> dict[str, Any]:
         "lost": lost[:_MOST_LOST],
         "lost_more": _more(len(lost) - _MOST_LOST, "group"),
         "lost_title": f"Groups that do not qualify: {len(lost):,} of {len(validation.groups or ()):,}",
-        "findings": [(_HEADS[level], grouped[level]) for level in _HEADS if level in grouped],
-        "unjudged": unjudged(validation),
-        "waivers": [
-            f"{outcome.waiver.rule} at {label(outcome.waiver.location)}: {waiver_text(outcome, validation)}"
-            for outcome in validation.waivers
-        ],
+        "findings": [(head, [_failure(level, one) for one in failures]) for level, head, failures in outcome.sections],
+        "unjudged": outcome.unjudged,
+        "waivers": [f"{waiver.rule} at {label(waiver.location)}: {use}" for waiver, use in outcome.waivers],
         "forest": None if response is None or not response.actions else forest(response),
         "rule_pages": [(rule, CATALOGUE[rule].title, _rule_text(rule)) for rule in sorted(named)],
     }
 
 
-def _tally(level: Level, tally: Tally, validation: Report) -> dict[str, Any]:
-    parts = folded(tally.findings)
-    listed = parts[:_FINDINGS_LISTED]
-    left = tally.num_findings - sum(map(tally.places, listed))
+def _failure(level: Level, failure: Failure) -> dict[str, Any]:
+    places, left = failure.places, failure.num_left
     return {
-        "id": tally.rule_id,
-        "title": tally.info.title,
-        "kind": tally.info.kind,
-        "tone": _TONES[level],
-        "summary": summary(tally),
-        "page": True,
-        "causes": causes(tally, validation) if tally.status == "fail" else [],
-        "shown": [_place(part) for part in listed[:_FINDINGS_SHOWN]],
-        "further_text": counted(len(listed) - _FINDINGS_SHOWN, "more place"),
-        "further": [_place(part) for part in listed[_FINDINGS_SHOWN:]],
-        "left": f"and {left:,} more violations" if left > 0 and tally.findings else "",
-        "remedy": tally.info.remedy if tally.status == "fail" and not is_waived(tally) else "",
+        "id": failure.info.id,
+        "title": failure.info.title,
+        "kind": failure.info.kind,
+        "tone": level,
+        "summary": failure.summary,
+        "causes": failure.causes,
+        "shown": [_place(place) for place in places[:_FINDINGS_SHOWN]],
+        "further_text": counted(len(places) - _FINDINGS_SHOWN, "more place"),
+        "further": [_place(place) for place in places[_FINDINGS_SHOWN:]],
+        "left": f"and {left:,} more violations" if left > 0 else "",
+        "remedy": failure.remedy,
     }
 
 
-def _place(part: Sequence[Finding]) -> dict[str, str]:
-    finding = part[0]
-    more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
-    return {
-        "where": location_text(finding.location) + more, "expected": finding.expected, "found": finding.found,
-    }  # fmt: skip
+def _place(place: Place) -> dict[str, str]:
+    return {"where": place.where + place.more, "expected": place.expected, "found": place.found}
 
 
 @cache
 def _rule_text(rule_id: str) -> Any:
-    """The page of a rule below its table of facts, without targets of links, which are files of the repository."""
+    """The page of a rule below its table of facts."""
     from markdown_it import MarkdownIt
     from markupsafe import Markup
 
-    page = rule_page(rule_id)
-    text = re.sub(r"\[([^\[\]]+)\]\([^)]+\)", r"\1", page[page.index("## ") : page.index("<!-- end")])
-    rendered = MarkdownIt("commonmark", {"html": False}).render(text)
+    rendered = MarkdownIt("commonmark", {"html": False}).render(rule_page_text(rule_id))
     return Markup(re.sub(r"(</?h)2>", r"\g<1>3>", rendered))  # noqa: S704  (our own)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -35,7 +34,7 @@ from branchdrive.cli.population import (
     print_retention,
 )
 from branchdrive.contract.layout import FILTERING_FILE
-from branchdrive.contract.resources import rule_page
+from branchdrive.contract.resources import rule_page_text
 from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import counted, printable, size_text
 from branchdrive.engine.finding import location_text
@@ -284,13 +283,7 @@ def _print_rule(console: Console, info: RuleInfo) -> None:
     }
     print_facts(console, [fact for fact in facts.items() if fact[1]])
     console.print()
-    console.print(Markdown(_page_text(rule_page(info.id))))
-
-
-def _page_text(page: str) -> str:
-    """What a page says below its table of facts, without targets of links, which are files of the repository."""
-    sections = page[page.index("## ") : page.index("<!-- end")]
-    return re.sub(r"\[([^\[\]]+)\]\([^)]+\)", r"\1", sections)
+    console.print(Markdown(rule_page_text(info.id)))
 
 
 def _print_response(console: Console, response: ResponseSummary) -> None:

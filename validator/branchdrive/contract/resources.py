@@ -6,6 +6,7 @@ And where the repository's files are on the web, as far as the distribution says
 from __future__ import annotations
 
 import json
+import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 from branchdrive.errors import BranchDriveError
 
-__all__ = ["SPEC_VERSION", "load_resource", "project_url", "rule_page", "schema_dir"]
+__all__ = ["SPEC_VERSION", "load_resource", "project_url", "rule_page", "rule_page_text", "schema_dir"]
 
 SPEC_VERSION = "0.1"
 """Version of the dataset specification that this library implements."""
@@ -74,3 +75,14 @@ def rule_page(rule_id: str) -> str:
         if page.is_file():
             return page.read_text(encoding="utf-8")
     raise BranchDriveError(f"no page of {rule_id} in {installed} or {checkout}; reinstall `branchdrive`")
+
+
+def rule_page_text(rule_id: str) -> str:
+    """What the page of a rule says below its table of facts, without targets of links into the repository.
+
+    Raises:
+        BranchDriveError: The installation lacks the page.
+    """
+    page = rule_page(rule_id)
+    sections = page[page.index("## ") : page.index("<!-- end")]
+    return re.sub(r"\[([^\[\]]+)\]\([^)]+\)", r"\1", sections)

@@ -8,27 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.cli.formats.causes import causes, causes_text
-from branchdrive.cli.formats.outcome import (
-    RULE_EXPLAINED,
-    Level,
-    also_in,
-    failures,
-    folded,
-    headline,
-    refusals,
-    sizes,
-    summary,
-    unjudged,
-    waiver_text,
-    with_companions,
-)
+from branchdrive.cli.formats.causes import causes_text
+from branchdrive.cli.formats.outcome import RULE_EXPLAINED, Failure, Outcome
 from branchdrive.cli.funnel import funnel_table, lost_groups_table
 from branchdrive.contract.text import counted
-from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import Report
-from branchdrive.engine.tally import Tally
-from branchdrive.engine.verdict import is_waived
 from branchdrive.text.markdown import code_span, section_lines
 
 __all__ = ["render"]
@@ -39,32 +23,32 @@ GROUPS_SHOWN = 1000
 _SIGNS: dict[str, str] = {
     "valid": "✅", "valid-with-waivers": "⚠️", "partial": "⚠️", "invalid": "❌", "error": "💥",
 }  # fmt: skip
-_HEADS: dict[Level, str] = {
-    "error": "What is wrong",
-    "warning": "What is not as recommended",
-    "note": "Why attempts and groups do not qualify, and what is waived",
-}
 
 
 def render(report: Report) -> str:
     """Verdict, rules with findings, funnel, waivers."""
-    return (
-        "\n".join([*_head_lines(report), *_rule_lines(report), *_funnel_lines(report), *_waiver_lines(report)]) + "\n"
-    )
+    outcome = Outcome.of(report, FINDINGS_SHOWN)
+    lines = [
+        *_head_lines(report, outcome),
+        *_rule_lines(outcome),
+        *_funnel_lines(report),
+        *_waiver_lines(outcome),
+    ]
+    return "\n".join(lines) + "\n"
 
 
-def _head_lines(report: Report) -> Iterator[str]:
+def _head_lines(report: Report, outcome: Outcome) -> Iterator[str]:
     facts = report.dataset
-    sign = "❌" if refusals(report) else _SIGNS[report.verdict]
-    yield f"# {sign} BranchDrive: {headline(report)}"
+    sign = "❌" if outcome.refusals else _SIGNS[report.verdict]
+    yield f"# {sign} BranchDrive: {outcome.headline}"
     yield ""
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
     yield (
-        f"{code_span(name)} at {code_span(facts.path)}: {sizes(report)}, {counted(facts.num_shards, 'shard')}"
-        f"{with_companions(report)}"
+        f"{code_span(name)} at {code_span(facts.path)}: {outcome.sizes}, {counted(facts.num_shards, 'shard')}"
+        f"{outcome.companions}"
     )
     yield ""
-    for refusal in refusals(report):
+    for refusal in outcome.refusals:
         yield f"- **{refusal}**"
     for condition in report.conditions:
         yield f"- {code_span(condition)}"
@@ -72,38 +56,31 @@ def _head_lines(report: Report) -> Iterator[str]:
         yield f"- the tool failed: {code_span(message)}"
 
 
-def _rule_lines(report: Report) -> Iterator[str]:
-    found = failures(report)
-    for level, head in _HEADS.items():
-        tallies = [tally for its_level, tally in found if its_level == level]
-        if tallies:
-            yield from ("", f"## {head}")
-        for tally in tallies:
-            yield from _tally_lines(tally, report)
-    if any(tally.status == "fail" for _, tally in found):
+def _rule_lines(outcome: Outcome) -> Iterator[str]:
+    for _, head, failures in outcome.sections:
+        yield from ("", f"## {head}")
+        for failure in failures:
+            yield from _failure_lines(failure)
+    if any(not failure.is_error for *_, failures in outcome.sections for failure in failures):
         yield from ("", f"{RULE_EXPLAINED}.")
-    if reasons := unjudged(report):
-        yield from ("", "## What was not judged", "", *(f"- {code_span(reason)}" for reason in reasons))
+    if outcome.unjudged:
+        yield from ("", "## What was not judged", "", *(f"- {code_span(reason)}" for reason in outcome.unjudged))
 
 
-def _tally_lines(tally: Tally, report: Report) -> Iterator[str]:
-    info = tally.info
-    result = summary(tally) if tally.status == "fail" else code_span(summary(tally))
+def _failure_lines(failure: Failure) -> Iterator[str]:
+    info = failure.info
+    result = code_span(failure.summary) if failure.is_error else failure.summary
     name = f"[{info.id}]({info.url})" if info.url else info.id
     yield from ("", f"### {name} {info.title}", "", f"{info.kind}: {result}", "")
-    shown = folded(tally.findings)[:FINDINGS_SHOWN]
-    for part in shown:
-        finding = part[0]
-        more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
-        yield f"- {code_span(location_text(finding.location))}{more}  "
-        yield f"  expected {code_span(finding.expected)}, found {code_span(finding.found)}"
-    left = tally.num_findings - sum(map(tally.places, shown))
-    if left > 0 and tally.findings:
-        yield f"- ... and {left:,} more"
-    if tally.status == "fail" and (rules := causes(tally, report)):
-        yield from ("", f"This {causes_text(rules)}.")
-    if tally.status == "fail" and not is_waived(tally):
-        yield from ("", f"To do: {info.remedy}")
+    for place in failure.places:
+        yield f"- {code_span(place.where)}{place.more}  "
+        yield f"  expected {code_span(place.expected)}, found {code_span(place.found)}"
+    if failure.num_left > 0:
+        yield f"- ... and {failure.num_left:,} more"
+    if failure.causes:
+        yield from ("", f"This {causes_text(failure.causes)}.")
+    if failure.remedy:
+        yield from ("", f"To do: {failure.remedy}")
 
 
 def _funnel_lines(report: Report) -> Iterator[str]:
@@ -116,10 +93,8 @@ def _funnel_lines(report: Report) -> Iterator[str]:
         yield from ("", *section_lines(lost))
 
 
-def _waiver_lines(report: Report) -> Iterator[str]:
-    if report.waivers:
+def _waiver_lines(outcome: Outcome) -> Iterator[str]:
+    if outcome.waivers:
         yield from ("", "## Waivers", "")
-    for outcome in report.waivers:
-        w = outcome.waiver
-        use = code_span(waiver_text(outcome, report))
-        yield f"- {w.rule} at {code_span(w.location)}: {use}: {code_span(w.reason)}"
+    for waiver, use in outcome.waivers:
+        yield f"- {waiver.rule} at {code_span(waiver.location)}: {code_span(use)}: {code_span(waiver.reason)}"

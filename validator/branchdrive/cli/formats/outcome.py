@@ -7,20 +7,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple, Self
 
-from branchdrive.contract.rule import cause_order
+from branchdrive.cli.formats.causes import causes
+from branchdrive.contract.rule import RuleInfo, cause_order
 from branchdrive.contract.text import counted
 from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
-from branchdrive.engine.waiver import WaiverOutcome
+from branchdrive.engine.waiver import Waiver, WaiverOutcome
 
 __all__ = [
-    "MEANING", "RULE_EXPLAINED", "Level", "also_in", "failures", "folded", "headline", "level_of", "refusals", "sizes",
-    "summary", "unjudged", "verdict_level", "violations", "waiver_text", "with_companions",
+    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "failures", "folded", "headline",
+    "level_of", "refusals", "sizes", "summary", "unjudged", "verdict_level", "violations", "waiver_text",
+    "with_companions",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
@@ -43,6 +46,115 @@ MEANING: Mapping[Verdict, str] = MappingProxyType(
 _VERDICT_LEVEL: Mapping[Verdict, Level] = MappingProxyType(
     {"valid": "note", "valid-with-waivers": "warning", "partial": "warning", "invalid": "error", "error": "error"}
 )
+
+
+_HEADS: Mapping[Level, str] = MappingProxyType(
+    {
+        "error": "What is wrong",
+        "warning": "What is not as recommended",
+        "note": "Why attempts and groups do not qualify, and what is waived",
+    }
+)
+
+
+class Place(NamedTuple):
+    """Where a rule does not hold.
+
+    Attributes:
+        where: Its location.
+        more: What else the finding stands for, to stand behind it.
+        expected: What was expected.
+        found: What was found.
+    """
+
+    where: str
+    more: str
+    expected: str
+    found: str
+
+
+class Failure(NamedTuple):
+    """A rule that failed, or that the tool failed at.
+
+    Attributes:
+        info: The rule.
+        is_error: Whether the tool failed at it.
+        summary: What became of it.
+        places: The first places, those that say the same together.
+        num_left: Violations at no place of these.
+        causes: Rules that may be why it fails.
+        remedy: What to do; empty where it is waived.
+    """
+
+    info: RuleInfo
+    is_error: bool
+    summary: str
+    places: tuple[Place, ...]
+    num_left: int
+    causes: tuple[str, ...]
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a page says of a report.
+
+    Attributes:
+        level: How grave the verdict is.
+        headline: The verdict, what it means, and how many groups qualify.
+        sizes: How many groups and rollouts there are.
+        companions: How many names beside the dataset were not looked at, to stand behind what it holds.
+        refusals: What the caller's own demands refuse.
+        sections: Rules that failed by how grave that is, the gravest first, each with a head.
+        unjudged: What kept rules from a judgement.
+        waivers: Each waiver with what became of it.
+    """
+
+    level: Level
+    headline: str
+    sizes: str
+    companions: str
+    refusals: tuple[str, ...]
+    sections: tuple[tuple[Level, str, tuple[Failure, ...]], ...]
+    unjudged: tuple[str, ...]
+    waivers: tuple[tuple[Waiver, str], ...]
+
+    @classmethod
+    def of(cls, report: Report, num_places: int) -> Self:
+        """What is said of a report, with so many places of a rule at most."""
+        found: dict[Level, list[Failure]] = {level: [] for level in _HEADS}
+        for level, tally in failures(report):
+            found[level].append(_failure(tally, report, num_places))
+        return cls(
+            verdict_level(report),
+            headline(report),
+            sizes(report),
+            with_companions(report),
+            tuple(refusals(report)),
+            tuple((level, _HEADS[level], tuple(rules)) for level, rules in found.items() if rules),
+            tuple(unjudged(report)),
+            tuple((outcome.waiver, waiver_text(outcome, report)) for outcome in report.waivers),
+        )
+
+
+def _failure(tally: Tally, report: Report, num_places: int) -> Failure:
+    parts, has_failed = folded(tally.findings)[:num_places], tally.status == "fail"
+    left = tally.num_findings - sum(map(tally.places, parts))
+    return Failure(
+        tally.info,
+        not has_failed,
+        summary(tally),
+        tuple(map(_place, parts)),
+        left if tally.findings else 0,
+        tuple(causes(tally, report)) if has_failed else (),
+        tally.info.remedy if has_failed and not is_waived(tally) else "",
+    )
+
+
+def _place(part: Sequence[Finding]) -> Place:
+    finding = part[0]
+    more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
+    return Place(location_text(finding.location), more, finding.expected, finding.found)
 
 
 def headline(report: Report) -> str:
