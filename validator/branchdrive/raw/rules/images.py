@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
-from branchdrive.raw.media.images import Comparison, Images
+from branchdrive.raw.media.images import Images
 from branchdrive.raw.motion.contact import bodies_within
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import demand_strips
@@ -27,7 +27,7 @@ def _images(view: ShardView) -> Images:
     """Facts of the images of the shard.
 
     Raises:
-        PreconditionError: Nobody read them.
+        PreconditionError: They were not read.
     """
     if view.images is None:
         raise PreconditionError("the media files were not read")
@@ -123,9 +123,13 @@ def images_decode(view: ShardView) -> Iterator[Check]:
     _demand_all(images, np.ones(len(frames), bool))
 
 
-def _against(view: ShardView, images: Images, comparison: Comparison) -> Iterator[Check]:
-    """What semantic maps contradict."""
-    frames, contradicted = view.stream("frames"), comparison.contradicted
+def _against(view: ShardView, subject: str) -> Iterator[Check]:
+    """What semantic maps contradict of a subject, as `Images.maps` has it."""
+    if "frames" not in view:
+        return
+    images, frames = _images(view), view.stream("frames")
+    comparison = images.maps[subject]
+    contradicted = comparison.contradicted
     yield Check.of_rows(
         "frames",
         None,
@@ -141,35 +145,27 @@ def _against(view: ShardView, images: Images, comparison: Comparison) -> Iterato
 @rule("BD-FRM-009")
 def maps_show_recorded_vehicles(view: ShardView) -> Iterator[Check]:
     """Vehicles of semantic maps are the recorded ones, and their classes are those that there are."""
-    if "frames" in view:
-        images = _images(view)
-        yield from _against(view, images, images.maps["vehicles"])
+    yield from _against(view, "vehicles")
 
 
 @rule("BD-FRM-012")
 def maps_show_recorded_ground(view: ShardView) -> Iterator[Check]:
     """Semantic maps show the road and the route that are recorded."""
-    if "frames" in view:
-        images = _images(view)
-        yield from _against(view, images, images.maps["ground"])
-        if "map" in view:
-            demand_strips(view)
+    yield from _against(view, "ground")
+    if "frames" in view and "map" in view:
+        demand_strips(view)
 
 
 @rule("BD-FRM-016")
 def maps_show_recorded_people(view: ShardView) -> Iterator[Check]:
     """People of semantic maps are the recorded ones."""
-    if "frames" in view:
-        images = _images(view)
-        yield from _against(view, images, images.maps["people"])
+    yield from _against(view, "people")
 
 
 @rule("BD-FRM-017")
 def maps_show_recorded_signs(view: ShardView) -> Iterator[Check]:
     """Lights and stop signs of semantic maps are at recorded ones, and that of the ego's lane has its colour."""
-    if "frames" in view:
-        images = _images(view)
-        yield from _against(view, images, images.maps["signs"])
+    yield from _against(view, "signs")
 
 
 @rule("BD-FRM-010")
