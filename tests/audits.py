@@ -48,7 +48,7 @@ def audit_once(task: ShardTask) -> ShardResult:
         return audit_shard(task)
     claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
     options = sorted(task.selected), task.is_hashed, task.spool is None, task.media
-    text = repr((task.folder, files, claimed, options, sorted(task.repeated_rollouts), sorted(task.split_groups)))
+    text = repr((task.folder, files, claimed, options, sorted(task.repeated_rollouts), sorted(task.scattered_groups)))
     key = hashlib.sha256(text.encode()).hexdigest()
     if place is not None:
         _rows[place] = key

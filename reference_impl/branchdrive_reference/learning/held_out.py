@@ -44,4 +44,4 @@ def open_fold(release: ModelLayer | Place, fold: Fold) -> ModelLayer:
     strange = sorted(set(fold.groups) - set(layer.groups("train")))
     if strange:
         raise UsageError(f"{layer.folder}: fold {fold.number} holds out {strange[0]!r}, which is not a training group")
-    return layer.with_partitions(dict.fromkeys(fold.groups, HELD_OUT))
+    return layer.with_assignment(dict.fromkeys(fold.groups, HELD_OUT))

@@ -151,12 +151,12 @@ def read_report(
         study = study_dataset(source, lambda *_: None)
     except UsageError as error:
         not_studied = sentence(error)
-    documents, figures, partitions = {}, {}, {}
+    documents, figures, assignment = {}, {}, {}
     if dataset is not None:
         documents = _documents(store, not_shown)
         figures = _figures(store, not_shown)
-        partitions = _partitions(store, not_shown) if "quality/split.json" in documents else {}
-    groups = [] if dataset is None else list(_groups(dataset, validation, partitions))
+        assignment = _assignment(store, not_shown) if "quality/split.json" in documents else {}
+    groups = [] if dataset is None else list(_groups(dataset, validation, assignment))
     return DatasetReport(validation, dataset, study, not_studied, documents, figures, not_shown, groups)
 
 
@@ -199,7 +199,7 @@ def _figures(store: Store, not_shown: list[str]) -> dict[str, bytes]:
     return found
 
 
-def _partitions(store: Store, not_shown: list[str]) -> dict[str, str]:
+def _assignment(store: Store, not_shown: list[str]) -> dict[str, str]:
     """Partition of every group of a release."""
     try:
         rows = read_layer_table(store, "group_quality")
@@ -210,7 +210,7 @@ def _partitions(store: Store, not_shown: list[str]) -> dict[str, str]:
     return {str(name): home or "" for name, home in zip(names, homes, strict=True)}
 
 
-def _groups(dataset: Dataset, validation: Report, partitions: Mapping[str, str]) -> Iterator[GroupFacts]:
+def _groups(dataset: Dataset, validation: Report, assignment: Mapping[str, str]) -> Iterator[GroupFacts]:
     results = {result.group_id: result for result in validation.groups or ()}
     seen = set()
     for shard in dataset.shards:
@@ -224,7 +224,7 @@ def _groups(dataset: Dataset, validation: Report, partitions: Mapping[str, str])
                 if group_id not in seen:
                     seen.add(group_id)
                     result = results.get(printable(group_id[:128]))
-                    yield GroupFacts(group_id, row["scenario_type"], row["town"], partitions.get(group_id, ""), result)
+                    yield GroupFacts(group_id, row["scenario_type"], row["town"], assignment.get(group_id, ""), result)
 
 
 def scenes(dataset: Dataset, wanted: frozenset[str]) -> Iterator[tuple[ShardRows, str, Scene]]:

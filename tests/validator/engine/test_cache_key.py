@@ -56,7 +56,7 @@ OTHERS: dict[str, st.SearchStrategy[Any]] = {
     "is_hashed": st.just(True),  # without digests, nothing is kept
     "media": st.sampled_from(["full", "sample", "index"]),
     "repeated_rollouts": st.frozensets(texts, max_size=3),
-    "split_groups": st.frozensets(texts, max_size=3),
+    "scattered_groups": st.frozensets(texts, max_size=3),
     "descriptor": st.sampled_from(
         [TASK.descriptor, Descriptor.model_validate({**synthetic.descriptor(), "title": "another"})]
     ),

@@ -17,9 +17,9 @@ from branchdrive.quality.partition import (
     calibration_of,
     cluster_of_groups,
     clusters_of,
-    draw_partitions,
+    draw_assignment,
     split_document,
-    with_partitions,
+    with_assignment,
 )
 from branchdrive.statistics.split import Calibration, split_digest
 from branchdrive.tables.frame import sort_rows, take
@@ -77,7 +77,7 @@ def test_a_group_is_clustered_once() -> None:
 def test_integrity_complete_groups_and_no_others_are_drawn() -> None:
     groups = undrawn()
     clusters = in_clusters(groups)
-    assignment = draw_partitions(groups, clusters, seed=1)
+    assignment = draw_assignment(groups, clusters, seed=1)
     assert list(assignment) == sorted(clusters)
     counts = [list(assignment.values()).count(name) for name in PARTITIONS]
     assert counts == [28, 6, 6, 0]
@@ -88,10 +88,10 @@ def test_integrity_complete_groups_and_no_others_are_drawn() -> None:
 def test_the_order_of_the_rows_decides_nothing(seed: int, order: int) -> None:
     groups = undrawn()
     clusters = in_clusters(groups)
-    assignment = draw_partitions(groups, clusters, seed=seed)
-    assert draw_partitions(shuffled(groups, order), dict(reversed(clusters.items())), seed=seed) == assignment
-    here = with_partitions(groups, clusters, assignment)
-    there = with_partitions(shuffled(groups, order), clusters, assignment)
+    assignment = draw_assignment(groups, clusters, seed=seed)
+    assert draw_assignment(shuffled(groups, order), dict(reversed(clusters.items())), seed=seed) == assignment
+    here = with_assignment(groups, clusters, assignment)
+    there = with_assignment(shuffled(groups, order), clusters, assignment)
     for name, values in sort_rows(there, ["group_id"]).items():
         assert values.tolist() == sort_rows(here, ["group_id"])[name].tolist()
 
@@ -100,7 +100,7 @@ def test_a_calibration_partition_holds_what_was_asked() -> None:
     groups = undrawn()
     clusters = in_clusters(groups)
     least = Calibration(min_groups=9, min_clusters=3)
-    assignment = draw_partitions(groups, clusters, seed=3, calibration=least)
+    assignment = draw_assignment(groups, clusters, seed=3, calibration=least)
     document = split_document(assignment, clusters, seed=3, calibration=least)
     assert document["partitions"]["calibration"]["groups"] >= 9
     assert document["calibration"] == {"min_groups": 9, "min_clusters": 3}
@@ -111,28 +111,28 @@ def test_a_calibration_partition_holds_what_was_asked() -> None:
 def test_a_partition_that_would_be_empty_is_refused(num_clusters: int) -> None:
     groups = undrawn(num_clusters, 0)
     with pytest.raises(ValueError, match=f"in {num_clusters} route clusters? leave no group to .*; a cluster"):
-        draw_partitions(groups, in_clusters(groups, size=1), seed=0)
+        draw_assignment(groups, in_clusters(groups, size=1), seed=0)
 
 
 def test_no_integrity_complete_group_gives_no_split() -> None:
     with pytest.raises(ValueError, match="0 integrity-complete groups"):
-        draw_partitions(undrawn(0, 3), {}, seed=0)
+        draw_assignment(undrawn(0, 3), {}, seed=0)
 
 
 def test_every_integrity_complete_group_needs_a_cluster() -> None:
     groups = undrawn()
     clusters = in_clusters(groups)
     with pytest.raises(ValueError, match="'b-0000' has none"):
-        draw_partitions(groups, {g: c for g, c in clusters.items() if g != "b-0000"}, seed=0)
+        draw_assignment(groups, {g: c for g, c in clusters.items() if g != "b-0000"}, seed=0)
     with pytest.raises(ValueError, match="'zzz' is none of them"):
-        draw_partitions(groups, {**clusters, "zzz": 9}, seed=0)
+        draw_assignment(groups, {**clusters, "zzz": 9}, seed=0)
 
 
 def test_columns_are_masked_where_a_group_has_no_partition() -> None:
     groups = undrawn(3, 1)
     clusters = in_clusters(groups, size=1)
     assignment = {"b-0000": "train", "b-0001": "val", "b-0002": "test"}
-    found = with_partitions(groups, clusters, assignment)
+    found = with_assignment(groups, clusters, assignment)
     assert found["partitioned"].tolist() == [True, True, True, False]
     assert found["route_cluster"].tolist() == [0, 1, 2, None]
     assert found["route_cluster"].dtype == np.int32
@@ -140,7 +140,7 @@ def test_columns_are_masked_where_a_group_has_no_partition() -> None:
     assert assignment_of(found) == assignment
     assert clusters_of(found) == clusters
     with pytest.raises(ValueError, match="a partition are not the same: 'b-0002' has none"):
-        with_partitions(groups, clusters, {"b-0000": "train", "b-0001": "val"})
+        with_assignment(groups, clusters, {"b-0000": "train", "b-0001": "val"})
 
 
 def test_the_document_counts_and_freezes_the_assignment() -> None:
@@ -165,8 +165,8 @@ def test_the_document_counts_and_freezes_the_assignment() -> None:
 def test_stored_rows_give_back_what_was_drawn() -> None:
     groups = undrawn()
     clusters = in_clusters(groups)
-    assignment = draw_partitions(groups, clusters, seed=5)
-    stored = with_partitions(groups, clusters, assignment)
+    assignment = draw_assignment(groups, clusters, seed=5)
+    stored = with_assignment(groups, clusters, assignment)
     assert split_document(assignment_of(stored), clusters_of(stored), seed=5) == split_document(
         assignment, clusters, seed=5
     )

@@ -36,7 +36,7 @@ def examine(
     selected: Collection[str] | None = None,
     *,
     repeated_rollouts: Collection[str] = (),
-    split_groups: Collection[str] = (),
+    scattered_groups: Collection[str] = (),
 ) -> tuple[dict[str, Tally], Examination]:
     """Run the rules of a shard in order.
 
@@ -44,7 +44,7 @@ def examine(
         view: The shard.
         selected: Rules to run; all by default.
         repeated_rollouts: Attempts whose identity occurs more than once in the dataset.
-        split_groups: Groups that lie in other shards too.
+        scattered_groups: Groups that lie in other shards too.
 
     Returns:
         Totals by rule, and what became of the attempts of the shard.
@@ -64,7 +64,7 @@ def examine(
             result.failed[rule_id] = failed
     for rule_id, ids, refused in (
         ("BD-KEY-001", view.rollout_ids, repeated_rollouts),
-        ("BD-KEY-003", view.rollouts["group_id"], split_groups),
+        ("BD-KEY-003", view.rollouts["group_id"], scattered_groups),
     ):
         if refused:
             result.failed[rule_id] = np.array([name in refused for name in ids], bool)
@@ -82,7 +82,7 @@ def examine(
     selection = result.selection = select_candidates(view, result.complies)
     num_groups = len(view.group_ids)
     touched = np.any(broken[selection.chosen] & (selection.chosen >= 0), axis=1)
-    touched |= np.array([group_id in split_groups for group_id in view.group_ids], bool)
+    touched |= np.array([group_id in scattered_groups for group_id in view.group_ids], bool)
     for rule_id in in_scope["group"]:
         tally = claimed[rule_id]
         bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)

@@ -23,7 +23,7 @@ from branchdrive.engine.derived_files import (
 from branchdrive.engine.derived_places import GroupsTask, empty_parts, find_groups, misplaced
 from branchdrive.engine.shard import ShardResult, ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
-from branchdrive.files.shard_facts import repeated_rollouts, split_groups
+from branchdrive.files.shard_facts import repeated_rollouts, scattered_groups
 from branchdrive.files.survey import Survey
 from branchdrive.runtime.executor import Executor, Failed
 
@@ -96,17 +96,17 @@ def read_dataset(
 
 def _with_repeats(tasks: Sequence[ShardTask], results: Sequence[ShardResult]) -> list[ShardTask]:
     """Tasks of the shards with identities that the dataset repeats, which know them now."""
-    rollouts, groups = repeated_rollouts(results).keys(), split_groups(results).keys()
+    rollouts, groups = repeated_rollouts(results).keys(), scattered_groups(results).keys()
     of_folder = {result.folder: result for result in results}
     again = [
         replace(
             task,
             repeated_rollouts=frozenset(rollouts & set(of_folder[task.folder].rollout_ids)),
-            split_groups=frozenset(groups & set(of_folder[task.folder].group_ids)),
+            scattered_groups=frozenset(groups & set(of_folder[task.folder].group_ids)),
         )
         for task in tasks
     ]
-    return [task for task in again if task.repeated_rollouts or task.split_groups]
+    return [task for task in again if task.repeated_rollouts or task.scattered_groups]
 
 
 def _run(

@@ -68,7 +68,7 @@ class ShardTask:
         spool: Where rows for the derived layers go; ``None`` where they need none.
         media: How many images are decoded.
         repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
-        split_groups: Its groups that lie in other shards too, once that is known.
+        scattered_groups: Its groups that lie in other shards too, once that is known.
     """
 
     dataset: Store
@@ -80,7 +80,7 @@ class ShardTask:
     spool: Spool | None = None
     media: MediaMode = "full"
     repeated_rollouts: frozenset[str] = frozenset()
-    split_groups: frozenset[str] = frozenset()
+    scattered_groups: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -241,7 +241,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
         view,
         None if task.spool else task.selected,
         repeated_rollouts=task.repeated_rollouts,
-        split_groups=task.split_groups,
+        scattered_groups=task.scattered_groups,
     )
     result.tallies = Tallies({rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected})
     result.is_failed = any(tally.errors for tally in tallies.values())
@@ -273,7 +273,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     from branchdrive.engine.raw_rows import raw_rows_of  # what derived layers take, a raw dataset does without
 
     broken = [tally.rule_id for tally in tallies.values() if tally.num_findings and tally.info.decides]
-    broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.split_groups)
+    broken += ["BD-KEY-001"] * bool(task.repeated_rollouts) + ["BD-KEY-003"] * bool(task.scattered_groups)
     if broken:
         result.no_frames = f"the raw layer breaks {broken[0]}"
     elif result.is_failed:

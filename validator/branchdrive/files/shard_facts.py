@@ -14,7 +14,7 @@ from branchdrive.driving.track_end import TrackEnds
 from branchdrive.files.group_marks import Outlines, Tracks
 from branchdrive.files.identities import Identities, repeated_texts
 
-__all__ = ["ShardFacts", "num_groups", "repeated_rollouts", "split_groups"]
+__all__ = ["ShardFacts", "num_groups", "repeated_rollouts", "scattered_groups"]
 
 
 @dataclass
@@ -97,7 +97,7 @@ def repeated_rollouts(shards: Sequence[ShardFacts]) -> dict[str, int]:
     return {text: len(places) for text, places in repeated_texts([shard.rollout_ids for shard in shards]).items()}
 
 
-def split_groups(shards: Sequence[ShardFacts]) -> dict[str, list[str]]:
+def scattered_groups(shards: Sequence[ShardFacts]) -> dict[str, list[str]]:
     """Identities of groups that lie in several shards, and the folders of these."""
     repeated = repeated_texts([shard.group_ids for shard in shards])
     return {text: [shards[place].folder for place in places] for text, places in repeated.items()}
@@ -105,5 +105,5 @@ def split_groups(shards: Sequence[ShardFacts]) -> dict[str, list[str]]:
 
 def num_groups(shards: Sequence[ShardFacts]) -> int:
     """Groups of the dataset; one that lies in several shards is one."""
-    repeated = split_groups(shards).values()
+    repeated = scattered_groups(shards).values()
     return sum(len(shard.group_ids) for shard in shards) - sum(len(folders) - 1 for folders in repeated)

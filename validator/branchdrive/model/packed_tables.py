@@ -39,7 +39,7 @@ NORMALISATION_FILE = "model/normalisation.json"
 class PackedTables:
     """Tables of a model layer, each read and packed when it is first asked for, rows by group id in sorted order.
 
-    In which partition a group is decides nothing but `partitions`, so layers that differ in that have one of these.
+    In which partition a group is decides nothing but `assignment`, so layers that differ in that have one of these.
     """
 
     def __init__(self, folder: Store, descriptor: Descriptor) -> None:
@@ -62,16 +62,16 @@ class PackedTables:
         return from_arrow(self.stored(table), table)
 
     @cached_property
-    def partitions(self) -> dict[str, str]:
+    def assignment(self) -> dict[str, str]:
         """Partition of each group, in the order of group ids; a repeated group is a `DatasetError`."""
         frame = self.frame("contexts")
-        partitions = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
-        if len(partitions) != len(frame["group_id"]):
+        assignment = dict(sorted(zip(frame["group_id"].tolist(), frame["partition"].tolist(), strict=True)))
+        if len(assignment) != len(frame["group_id"]):
             raise DatasetError(f"{self.folder}: table `contexts` repeats a group; run `branchdrive-validate`")
-        return partitions
+        return assignment
 
     def _history(self, table: str) -> Array:
-        return arrays.pack_history(self.frame(table), table, tuple(self.partitions))
+        return arrays.pack_history(self.frame(table), table, tuple(self.assignment))
 
     @cached_property
     def media_index(self) -> dict[str, Values]:
@@ -96,7 +96,7 @@ class PackedTables:
     @cached_property
     def surroundings(self) -> arrays.Masked | None:
         """What is around the ego, with masks; ``None`` where nothing is recorded."""
-        return arrays.pack_surroundings(self.frame("surroundings"), tuple(self.partitions))
+        return arrays.pack_surroundings(self.frame("surroundings"), tuple(self.assignment))
 
     @cached_property
     def actions(self) -> NDArray[np.float32] | None:
@@ -114,13 +114,13 @@ class PackedTables:
     @cached_property
     def scalars(self) -> Targets:
         """Scalar targets of all groups and candidates, with masks."""
-        return arrays.pack_scalars(self.frame("scalars"), tuple(self.partitions), self.descriptor.action_bank.keys)
+        return arrays.pack_scalars(self.frame("scalars"), tuple(self.assignment), self.descriptor.action_bank.keys)
 
     @cached_property
     def trajectories(self) -> Array:
         """Paths of all groups and candidates, metres."""
         return arrays.pack_trajectories(
-            self.frame("trajectories"), tuple(self.partitions), self.descriptor.action_bank.keys
+            self.frame("trajectories"), tuple(self.assignment), self.descriptor.action_bank.keys
         ).values
 
     @cached_property

@@ -91,13 +91,13 @@ class ModelLayer:
         self.descriptor = descriptor
         self._packed = PackedTables(folder, descriptor)
 
-    def with_partitions(self, partitions: Mapping[str, str]) -> ModelLayer:
+    def with_assignment(self, assignment: Mapping[str, str]) -> ModelLayer:
         """The same layer with groups in other partitions; what one of them has read, the other does not read again.
 
         Args:
-            partitions: Partition, of any name, of the groups that change theirs.
+            assignment: Partition, of any name, of the groups that change theirs.
         """
-        return _PartitionedLayer(self, partitions)
+        return _ReassignedLayer(self, assignment)
 
     @property
     def root(self) -> Path:
@@ -280,7 +280,7 @@ class ModelLayer:
     @property
     def _contexts(self) -> Mapping[str, str]:
         """Partition of every group, by group id in sorted order."""
-        return self._packed.partitions
+        return self._packed.assignment
 
     @property
     def _group_ids(self) -> tuple[str, ...]:
@@ -340,13 +340,13 @@ class ModelLayer:
         return np.where(recorded_features(table, self.descriptor), values, 0.0)
 
 
-class _PartitionedLayer(ModelLayer):
+class _ReassignedLayer(ModelLayer):
     """A model layer in which some groups are in other partitions."""
 
-    def __init__(self, layer: ModelLayer, partitions: Mapping[str, str]) -> None:
+    def __init__(self, layer: ModelLayer, assignment: Mapping[str, str]) -> None:
         super().__init__(layer.folder, layer.descriptor)
         self._packed = layer._packed
-        self._homes = {**layer._contexts, **partitions}
+        self._homes = {**layer._contexts, **assignment}
 
     @property
     def _contexts(self) -> Mapping[str, str]:

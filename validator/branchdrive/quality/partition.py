@@ -29,7 +29,7 @@ from branchdrive.tables.frame import Frame, Values
 
 __all__ = [
     "ALGORITHMS", "PARTITIONS", "algorithm_for", "assignment_of", "calibration_of", "cluster_of_groups", "clusters_of",
-    "draw_partitions", "partition_sizes", "split_document", "with_partitions",
+    "draw_assignment", "partition_sizes", "split_document", "with_assignment",
 ]  # fmt: skip
 
 ALGORITHMS = (STRATIFIED, DIVIDED)
@@ -62,7 +62,7 @@ def cluster_of_groups(group_ids: Sequence[str], towns: Sequence[str], routes: Ar
     return {group_ids[i]: int(label) for i, label in zip(order, labels, strict=True)}
 
 
-def draw_partitions(
+def draw_assignment(
     groups: Frame,
     clusters: Mapping[str, int],
     *,
@@ -106,7 +106,7 @@ def algorithm_for(calibration: Calibration | None) -> str:
     return STRATIFIED if calibration is None else DIVIDED
 
 
-def with_partitions(groups: Frame, clusters: Mapping[str, int], assignment: Mapping[str, str]) -> dict[str, Values]:
+def with_assignment(groups: Frame, clusters: Mapping[str, int], assignment: Mapping[str, str]) -> dict[str, Values]:
     """Rows of `group_quality` with the columns `partitioned`, `route_cluster` and `partition`.
 
     Args:

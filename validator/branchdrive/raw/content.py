@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES, declared_table
 from branchdrive.contract.identity import layer_content
-from branchdrive.files.shard_facts import ShardFacts, repeated_rollouts, split_groups
+from branchdrive.files.shard_facts import ShardFacts, repeated_rollouts, scattered_groups
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import block_digests, sortable
 
@@ -80,7 +80,7 @@ def raw_content(shards: Sequence[ShardFacts]) -> str | None:
     ``None`` where that of a shard is not known, attempts repeat, a group lies in several shards, or a town has
     different maps.
     """
-    if repeated_rollouts(shards) or split_groups(shards):
+    if repeated_rollouts(shards) or scattered_groups(shards):
         return None
     parts: dict[str, str] = {}
     for shard in shards:

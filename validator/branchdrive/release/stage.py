@@ -31,9 +31,9 @@ from branchdrive.quality.ledger import Ledger, with_round
 from branchdrive.quality.partition import (
     assignment_of,
     cluster_of_groups,
-    draw_partitions,
+    draw_assignment,
     split_document,
-    with_partitions,
+    with_assignment,
 )
 from branchdrive.quality.population import frozen_groups, population_document
 from branchdrive.quality.variants import Variant, variants_document
@@ -112,8 +112,8 @@ def build_quality(work: StageWork, options: BuildOptions, ledger: Ledger | None)
     groups: Frame = concat(quality)
     try:
         clusters = cluster_of_groups(routes["group_id"].tolist(), routes["town"].tolist(), routes["points"])
-        assignment = draw_partitions(groups, clusters, seed=options.seed, calibration=options.calibration)
-        groups = with_partitions(groups, clusters, assignment)
+        assignment = draw_assignment(groups, clusters, seed=options.seed, calibration=options.calibration)
+        groups = with_assignment(groups, clusters, assignment)
         split = split_document(assignment, clusters, seed=options.seed, calibration=options.calibration)
         fitted_on = {*fitting_groups(groups, assignment)}
         fitting = [sorted(fitted_on.intersection(rows["group_id"].tolist())) for rows in quality]

@@ -11,7 +11,7 @@ from tests.mismatch import pointers, rows
 from tests.validator.quality.release import concat, numbered, paper_groups, reaching, shuffled
 
 from branchdrive.contract.mismatch import Mismatch
-from branchdrive.quality.partition import assignment_of, clusters_of, draw_partitions, split_document, with_partitions
+from branchdrive.quality.partition import assignment_of, clusters_of, draw_assignment, split_document, with_assignment
 from branchdrive.quality.rules.split import (
     calibration_mismatches,
     cluster_mismatches,
@@ -177,8 +177,8 @@ def test_a_partition_that_the_document_leaves_out_is_found() -> None:
 
 def test_the_drawn_split_is_the_drawn_one_and_any_other_is_told_group_by_group() -> None:
     groups = paper_groups()
-    drawn = draw_partitions(groups, clusters_of(groups), seed=5)
-    kept = with_partitions(groups, clusters_of(groups), drawn)
+    drawn = draw_assignment(groups, clusters_of(groups), seed=5)
+    kept = with_assignment(groups, clusters_of(groups), drawn)
     assert not list(draw_mismatches(kept, seed=5))
     assert not list(draw_mismatches(shuffled(kept, 1), seed=5))
     moved = min(group_id for group_id, name in drawn.items() if name == "val")

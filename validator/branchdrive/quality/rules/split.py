@@ -24,7 +24,7 @@ from branchdrive.quality.partition import (
     calibration_of,
     cluster_of_groups,
     clusters_of,
-    draw_partitions,
+    draw_assignment,
     partition_sizes,
 )
 from branchdrive.statistics.split import CALIBRATION, SHARES, Calibration, split_digest
@@ -197,7 +197,7 @@ def draw_mismatches(
     Raises:
         ValueError: There is nothing to draw from: a group lacks its cluster, or there are too few groups.
     """
-    drawn = draw_partitions(groups, clusters_of(groups), seed=seed, calibration=calibration, algorithm=algorithm)
+    drawn = draw_assignment(groups, clusters_of(groups), seed=seed, calibration=calibration, algorithm=algorithm)
     for group_id, name in sorted(assignment_of(groups).items()):
         if drawn.get(group_id) != name:
             wanted = f"partition {drawn.get(group_id, 'none')}"

@@ -14,7 +14,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
-from branchdrive.files.shard_facts import num_groups, repeated_rollouts, split_groups
+from branchdrive.files.shard_facts import num_groups, repeated_rollouts, scattered_groups
 from branchdrive.files.survey import Survey
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.content import sortable
@@ -42,7 +42,7 @@ def groups_stay_in_one_shard(survey: Survey) -> Iterator[Check]:
         num_groups(survey.shards),
         tuple(
             Mismatch({"group_id": group_id}, "one shard", ", ".join(folders[:4]))
-            for group_id, folders in split_groups(survey.shards).items()
+            for group_id, folders in scattered_groups(survey.shards).items()
         ),
     )
 
