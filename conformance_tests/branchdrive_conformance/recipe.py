@@ -17,7 +17,7 @@ Each has a member `op` and the `file` or `path` that it changes, relative to the
     order           `columns`: all of them, in their new order
     describe        `table`: metadata of the file's schema, or null, if it changes; `columns`: metadata of those columns
                     whose metadata change, each an object or null, or null for no metadata of any column
-    written         `settings`: what pyarrow's `write_table` is told, instead of what it is told for every table here
+    written         `settings`: arguments of pyarrow's `write_table`, instead of those of every table here
     json            `patch`: a JSON patch (RFC 6902)
     lines           `edits`: [start, stop, [line, ...]] each puts lines in the place of lines, the last edit first
     text, bytes     `text`, or `base64` of zlib-compressed bytes: the content of the file
@@ -34,7 +34,7 @@ Each has a member `op` and the `file` or `path` that it changes, relative to the
 
 Tables are Parquet files; types are named as Arrow names them, and `dictionary` is text in a dictionary. A number that
 JSON lacks is `"NaN"`, `"Infinity"` or `"-Infinity"`, and bytes of a cell are hexadecimal. A range [start, stop] of rows
-does not hold `stop`, and goes backwards where `stop` comes before `start`. Which rows an operation changes is told by
+does not hold `stop`, and goes backwards where `stop` comes before `start`. Which rows an operation changes is given by
 `rows`, ranges of them, or by `where`: values that other columns have there, by column, each of them a value, a list of
 values, or `{"from": first, "to": last}`. An operation that finds nothing to change is an error.
 """

@@ -1,6 +1,6 @@
 """Operations of recipes on tables: rows, cells, columns, and the way in which the file is written.
 
-What each is called and takes is told in `recipe`.
+What each is called and takes is described in `recipe`.
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ def export_selector(
     for node in (model, model.graph, *model.graph.node):
         node.doc_string = ""
     for node in model.graph.node:
-        del node.metadata_props[:]  # lines of source and traces of whoever exported
+        del node.metadata_props[:]  # lines of source and traces of the exporting machine
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
 

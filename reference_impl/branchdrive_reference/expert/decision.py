@@ -34,7 +34,7 @@ _FOLLOW_MPS2, _BRAKE_MPS2, _HEADWAY_S = 8.0, 4.0, 0.5
 """The driver model towards whatever stands ahead: late and firm, as PDM-Lite's."""
 
 _MOVING_HEADWAY_S, _MOVING_MPS = 0.6, 5.0
-"""Headway kept in addition to whoever moves, in full from this speed on."""
+"""Headway kept in addition to road users that move, in full from this speed on."""
 
 _LEADER_STANDSTILL_M, _PEDESTRIAN_STANDSTILL_M, _OBSTACLE_STANDSTILL_M = 4.0, 6.0, 11.0
 """Gaps at standstill; before an obstacle there stays room to pull out."""

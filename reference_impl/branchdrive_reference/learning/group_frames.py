@@ -56,7 +56,7 @@ class GroupFrames(IterableDataset[dict[str, Any]]):
         cameras: Cameras of one size, the order of the axis; the six surround cameras by default.
         groups: Ids of the groups; by default all that have a branch and every image.
         offsets: Ticks relative to the branch.
-        seed: Draws the order of shards and of groups in them, anew for every `epoch`; without it they are in order.
+        seed: Draws the order of shards and of groups in them for every `epoch`; without it they are in order.
 
     Attributes:
         epoch: Number of the pass; set it before each.

@@ -106,7 +106,7 @@ def _shares_history(future: Future, nominal: Future) -> bool:
 
 
 def _alike(values: Any, others: Any, step: float) -> bool:
-    """Whether two series differ by half a step at most, which nobody can see."""
+    """Whether two series differ by half a step at most, which cannot be seen."""
     if len(values) != len(others):
         return False
     with np.errstate(all="ignore"):

@@ -150,7 +150,7 @@ def read_scene(
         records: Rows of the rollouts table of the shard.
         rows: Those of the group.
         bank: The dataset's action bank.
-        chosen: The canonical attempt of every policy, -1 for none; ``None`` where nobody can tell.
+        chosen: The canonical attempt of every policy, -1 for none; ``None`` where it is unknown.
     """
     group_id = str(records[rows[0]]["group_id"])
     if "observations" not in shard.streams:

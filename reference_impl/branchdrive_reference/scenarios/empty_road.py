@@ -85,7 +85,7 @@ class EmptyRoad:
         return float(other["arc_m"][np.hypot(other["x_m"] - x, other["y_m"] - y).argmin()])
 
     def _clock_s(self, track: int, eagerness: float) -> tuple[Array, Array]:
-        """Arc lengths of a track and the time at which whoever drives its desired speed is there."""
+        """Arc lengths of a track and the time at which a road user at its desired speed is there."""
         path = self.tables.path(track)
         arc, speed = path["arc_m"], eagerness * path["advisory_speed_mps"]
         steps = np.diff(arc) * 2.0 / (speed[1:] + speed[:-1])

@@ -105,7 +105,7 @@ class Route:
 
 
 def obstacle_sight_m(speed_mps: float) -> float:
-    """How far ahead, centre to centre, whoever drives at a speed looks for what stands in the way."""
+    """How far ahead, centre to centre, a driver at a speed looks for what stands in the way."""
     return max(_SIGHT_MIN_M, _SIGHT_S * speed_mps)
 
 

@@ -131,7 +131,7 @@ VEHICLES = (CAR, COMPACT, VAN)
 
 @dataclass(frozen=True)
 class Body:
-    """A body before the first tick; the fields are those of `BODY`, and it keeps its offset unless told otherwise."""
+    """A body before the first tick; the fields are those of `BODY`, and it keeps its offset unless another is given."""
 
     kind: Kind
     behaviour: Behaviour

@@ -55,7 +55,7 @@ def finish_motion(
     bodies: Records, vehicle: Records, motion: Array, goals: Array, hit: NDArray[np.bool_],
     forward_mps: float, lateral_mps: float, yaw_rate_radps: float,
 ) -> None:  # fmt: skip
-    """Read the contact step back into `bodies` and `vehicle`; whoever was hit is free from now on.
+    """Read the contact step back into `bodies` and `vehicle`; a body that was hit is free from now on.
 
     Args:
         bodies: `BODY` rows.

@@ -1,7 +1,7 @@
 """Right of way: where a driver has to stop before a junction, and whom it follows into a merge.
 
 A driver waits before a conflict (`town.conflict`) if its own passage and that of somebody with priority would
-overlap in time: its own as `travel_s` says, the other's at constant speed. Whoever means to halt before the conflict
+overlap in time: its own as `travel_s` says, the other's at constant speed. One that means to halt before the conflict
 is no reason to wait.
 """
 

@@ -1,4 +1,4 @@
-"""A straight road along x with an ego in its right lane, and whoever a test puts around it."""
+"""A straight road along x with an ego in its right lane, and the road users that a test puts around it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts: momentum is shared, whoever is hit is free, and the physics goes on."""
+"""Contacts: momentum is shared, a body that is hit is free, and the physics goes on."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ def test_a_damaged_entry_is_none(damage: str, tmp_path: Path, counting: Counting
     assert counting.num_shards == 1
     assert without_cache(report) == expected
     assert report.cached is not None and report.cached.num_damaged == 1
-    assert report.conditions[-1] == "1 damaged file in the cache, whose tasks were judged anew"
+    assert report.conditions[-1] == "1 damaged file in the cache, whose tasks were judged again"
     if damage != "a folder":
         assert validate(root, cache=cache).cached == CacheUse(
             {"raw/shard-00000", OTHER_FOLDER}, versions={report.validator_version}
@@ -193,7 +193,7 @@ def test_what_differs_when_it_is_judged_again_is_a_failure_that_names_the_entry(
     value = from_bytes(content)
     value["result"].num_missing_attempts = 7
     folder.put(liar.stem, to_bytes(value))
-    assert validate(root, cache=cache).dataset.num_missing_attempts == 7  # whoever can write in it is believed
+    assert validate(root, cache=cache).dataset.num_missing_attempts == 7  # everyone who can write in it is believed
     stdout = StringIO()
     code = run(["validate", str(root), "--cache", str(cache.path), "--recheck", "1"], stdout, StringIO())
     report = validate(root, cache=replace(cache, recheck=1.0))

@@ -89,7 +89,7 @@ def test_a_stage_refuses_layers_whose_shards_were_renumbered_since(two_parts: Pa
 
 
 def test_no_table_waits_in_the_builder(raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows of one part are read at a time, by whoever works on it, and never those of all."""
+    """Rows of one part are read at a time, by the worker that has it, and never those of all."""
     taken: list[tuple[str, int]] = []
     read = SpooledFrames.__getitem__
 

@@ -359,7 +359,7 @@ def test_the_command_says_what_it_made(tmp_path: Path, parts: tuple[Path, Path])
     assert run(["merge", *map(str, parts), "--output", str(output)], out, err) == 0
     assert out.getvalue() == (
         "parts     2\n"
-        "shards    5 numbered anew\n"
+        "shards    5 renumbered\n"
         "groups    6 with 6 rollouts\n"
         f"dataset   {output}\n"
         f"identity  {identity_of(output)}\n"

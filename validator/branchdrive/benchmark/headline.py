@@ -84,7 +84,7 @@ def _clean(entry: Document | None) -> str:
 def _guard_and_noise(results: Document) -> list[Passage]:
     guard = results["guard"]
     title = f"Guard, {guard['model']} at {guard['tolerance_m']:g} m"
-    # A guard of a model that predicted nothing here is nobody's: predictions of others have none.
+    # A guard of a model that predicted nothing here belongs to none: predictions of others have none.
     found = [Passage(title, [_guard_line(guard)])] if guard["model"] in _models(results) or guard["profiles"] else []
     if results["noise"] is None:
         found.append(

@@ -157,7 +157,7 @@ def _discard_if_full(stdout: TextIO) -> None:
 
 
 def _discard_output(stream: TextIO) -> None:
-    """Let the interpreter's last flush go nowhere, because whoever read the output has left."""
+    """Let the interpreter's last flush go nowhere, because the reader of the output has left."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -172,7 +172,7 @@ def run(argv: Sequence[str], stdout: TextIO, stderr: TextIO) -> int:
 def whole_parser() -> argparse.ArgumentParser:
     """The parser of `branchdrive` with all commands that can be loaded, and their arguments."""
     parser, subparsers = _commands_parser()
-    subparsers.help = "what to do"  # whoever reads the parser leaves out what is suppressed
+    subparsers.help = "what to do"  # readers of the parser leave out what is suppressed
     for name, module_name in _command_modules().items():
         with suppress(Exception):  # whatever is wrong with the command of another distribution
             _add_command(subparsers, name, _load(module_name))

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     with progress_bar(stderr, "merging") as show:
         report = merge_datasets(args.parts, args.output, progress=show)
-    numbers = "numbered anew" if report.is_renumbered else "with their numbers"
+    numbers = "renumbered" if report.is_renumbered else "with their numbers"
     copied = f", {counted(report.num_copied, 'file')} copied" if report.num_copied else ""
     stdout.write(
         f"parts     {report.num_parts:,}\n"

@@ -21,7 +21,7 @@ _LINE_S = 60.0
 """Seconds between lines where there is no bar."""
 
 _TOLD_FROM = 3
-"""Steps after which the time left is told: the first one also starts what the others find running."""
+"""Steps after which the time left is shown: the first one also starts what the others find running."""
 
 
 @contextmanager

@@ -69,7 +69,7 @@ class CacheUse:
         num_layer_tasks: Tasks on derived layers that one judged.
         versions: Versions of the validator that judged them.
         num_rechecked: How many of both were judged again.
-        num_damaged: Entries that could not be read; what they held was judged anew.
+        num_damaged: Entries that could not be read; what they held was judged again.
         differences: Entries that are not what judging again gives.
     """
 
@@ -92,7 +92,7 @@ class CacheUse:
             layers = f" and {counted(self.num_layer_tasks, 'task')} on derived layers" if self.num_layer_tasks else ""
             yield f"{len(self.shards)} of {counted(num_shards, 'shard')}{layers} {by}{again}"
         if self.num_damaged:
-            yield f"{counted(self.num_damaged, 'damaged file')} in the cache, whose tasks were judged anew"
+            yield f"{counted(self.num_damaged, 'damaged file')} in the cache, whose tasks were judged again"
 
     def to_json(self) -> dict[str, Any]:
         """The use as the report schema has it."""

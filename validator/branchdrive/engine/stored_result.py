@@ -1,6 +1,6 @@
 """Results as bytes, and back: a JSON document, and the arrays that it refers to one after the other.
 
-Whoever reads them constructs values of the classes below and nothing else; nothing is ever unpickled. Every value comes
+A reader constructs values of the classes below and nothing else; nothing is ever unpickled. Every value comes
 back with its type: numbers of numpy, tuples and sets, arrays of any shape, masked ones, text and lists in cells.
 """
 

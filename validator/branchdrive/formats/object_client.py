@@ -81,7 +81,7 @@ def check_process() -> None:
         raise PlatformError("buckets need the package 'obstore', which the extra `cloud` brings")
     if _user not in (None, os.getpid()):
         raise PlatformError(
-            "this process was forked from one that has read a bucket, and cannot read one; start workers anew, as with "
+            "this process was forked from one that has read a bucket, and cannot read one; start new workers, as with "
             '`DataLoader(..., multiprocessing_context="spawn")`'
         )
     _user = os.getpid()
@@ -91,7 +91,7 @@ def check_process() -> None:
 def connect(url: str) -> ObjectStore:
     """A client of the store at a URL, with credentials of the environment; errors are obstore's.
 
-    A process has one for each URL, whatever the number of its tasks: each finds its credentials and connects anew.
+    A process has one for each URL, whatever the number of its tasks: each finds its credentials and connects again.
     """
     from obstore.store import HTTPStore, from_url
 

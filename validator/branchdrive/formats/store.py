@@ -46,7 +46,7 @@ class Entry:
 
 
 class Store(ABC):
-    """Where a dataset is. Whoever reads one does it through this value, which travels to workers.
+    """Where a dataset is. All readers use this value, which travels to workers.
 
     All that is read of a file after it was listed or opened is of one version; of another, it raises `DatasetError`.
     """

@@ -42,7 +42,7 @@ def layer_table_paths(dataset: Store, name: str) -> tuple[str, ...]:
     paths = table_paths(name, (f"{layer.name}/{entry}" for entry in dataset.names(layer.name)))
     for path in layer.missing(paths):
         if (file := table_file(path)) is not None and file.table == name:
-            raise DatasetError(f"{dataset}: {path!r} is missing; run `branchdrive build` to make the layers anew")
+            raise DatasetError(f"{dataset}: {path!r} is missing; run `branchdrive build` to make the layers again")
     return paths
 
 

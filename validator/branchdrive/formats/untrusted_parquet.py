@@ -1,7 +1,7 @@
 """Parquet bytes that may be hostile, read back in full and within limits.
 
 Reading takes bytes that are already in memory and decodes every value: no filter is pushed down and no statistic is
-believed, because both belong to whoever wrote the file. Types are Parquet's: of the Arrow schema that a writer may
+believed, because both belong to the writer of the file. Types are Parquet's: of the Arrow schema that a writer may
 have stored, metadata and nullability of columns alone are read.
 
 Source: spec/03-layout.md#tables, spec/09-security.md#limits.
@@ -71,7 +71,7 @@ def decode_table(content: bytes | memoryview, name: str | None = None, limits: L
 
 
 def promised_rows(stream: BinaryIO, limits: Limits | None = None) -> int:
-    """Rows that the footer of a Parquet file promises: quick to tell, and what nobody has counted.
+    """Rows that the footer of a Parquet file promises: quick to read, and not counted.
 
     Args:
         stream: The file, of which the footer alone is read.

@@ -1,1 +1,1 @@
-"""What lies at a path, told in a moment: nothing is judged, and of large tables the footers alone are read."""
+"""A quick look at a path: nothing is judged, and of large tables the footers alone are read."""

@@ -72,7 +72,7 @@ class Overview:
 
 
 def look_over(dataset: Store, descriptor: Descriptor) -> Overview:
-    """Look a dataset over; what cannot be read is told and costs nothing else."""
+    """Look a dataset over; what cannot be read is reported and costs nothing else."""
     faults: list[str] = []
     manifest = None
     if dataset.status(MANIFEST_FILE) is not None:

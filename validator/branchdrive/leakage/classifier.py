@@ -7,7 +7,7 @@ With rows ``x`` (a 1 appended for the intercept), classes ``y`` and weights ``W`
 which is strictly convex, by Newton steps, halved until the objective falls: no randomness, one solution. The step
 that is found too small to go on is taken as well, so that weights do not depend on where iterations end.
 
-For classifiers of sequences the core asks whoever registered in the entry-point group `branchdrive.leakage`; the
+For classifiers of sequences the core asks what is registered in the entry-point group `branchdrive.leakage`; the
 extra `models` does.
 
 Source: paper, "Collection Integrity, Replay Fidelity, and Leakage" (three recurrent classifiers); Böhning 1992

@@ -64,7 +64,7 @@ class Workplace(Draw, Protocol):
     """A draw that also keeps what is drawn from."""
 
     def keep(self, make: Callable[[Any], tuple[Made, Told]], subject: Any, /) -> tuple[Kept[Made], Told]:
-        """A value that is made where it is kept, and what is told of it.
+        """A value that is made where it is kept, and what is reported of it.
 
         Args:
             make: Of a module of this distribution; gives both.

@@ -176,7 +176,7 @@ def _in_blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
 
 def _owned(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
-    """Values that cannot be written to: a copy, or they themselves where nobody can."""
+    """Values that cannot be written to: a copy, or they themselves where they are read-only."""
     if isinstance(values, np.ndarray) and values.dtype == dtype and values.base is None and not values.flags.writeable:
         return values
     array = np.array(values, dtype)

@@ -110,7 +110,7 @@ def _judged(
             Concern(
                 f"The descriptor declares exact replays, but {VARIABLES[worst].name} differs by up to "
                 f"{values[..., worst].max():.3g} before the branch: the simulator keeps something from one rollout to "
-                "the next, or draws it anew.",
+                "the next, or draws it again.",
                 "Find what is kept: start every rollout from a fresh world, and seed every random generator from the "
                 "group's seed alone. Or declare the noise as `natural` or `injected`.",
             )

@@ -1,4 +1,4 @@
-"""A command and everything that it starts, which end together, and with whoever asked for the command.
+"""A command and everything that it starts, which end together, and with the process that asked for the command.
 
 Run as a script, with the words of the command as arguments, by `branchdrive.pilot.rerun`. Standard input is a pipe that
 nothing is written into: when its other end is closed, also because the process that holds it was killed, the command is
@@ -103,7 +103,7 @@ def main(words: list[str]) -> None:
 
 
 def _say(answer: str) -> None:
-    """Answer whoever asked for the command, if anybody is left to hear it."""
+    """Answer the process that asked for the command, if it still listens."""
     with suppress(BrokenPipeError):
         os.write(1, f"{answer}\n".encode())
 

@@ -36,7 +36,7 @@ class Collected:
     Attributes:
         group_id: Identities ``[groups]``.
         scenario_type: Of the attempt that describes each ``[groups]``, see `first_attempts`.
-        town: Likewise ``[groups]``.
+        town: Of each, ``[groups]``.
         polyline: Its route ``[groups, 32, 2]``, resampled; NaN where the record holds no polyline.
         has_route: Whether its route is usable ``[groups]``, as `routes` has it.
         has_nominal: Whether a compliant nominal was found ``[groups]``.

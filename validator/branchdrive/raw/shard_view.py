@@ -37,7 +37,7 @@ class ShardView:
         descriptor: The dataset's descriptor.
         file_prefix: Folder of the shard relative to the root, ``""`` in memory.
         rollouts: The rollouts table, one row per attempt.
-        images: What bytes and pixels of its images say, in the order of the stored index; ``None`` if nobody looked.
+        images: What bytes and pixels of its images say, in the order of the stored index; ``None`` if not read.
     """
 
     def __init__(self, tables: Mapping[str, pa.Table], descriptor: Descriptor, *, file_prefix: str = "") -> None:

@@ -122,7 +122,7 @@ def _sole_writer(target: Path, area: Path, folder: str) -> Iterator[None]:
     lock = FileLock(area / WRITER_LOCK)
     try:
         is_taken = lock.acquire(blocking=False)
-    except FileNotFoundError:  # whoever had the area clears it away at this moment
+    except FileNotFoundError:  # the process that had the area clears it away at this moment
         is_taken = False
     if not is_taken:
         raise UsageError(f"{target}: a collection, a build or a benchmark is running there; wait until it has finished")

@@ -94,7 +94,7 @@ class SpreadDraw:
         return results_of(self._executor, _drawn, tasks, "a draw of the leakage audit")
 
     def keep(self, make: Callable[[Any], tuple[Made, Told]], subject: Any, /) -> tuple[Kept[Made], Told]:
-        """A value that a worker makes and puts into the spool, and what is told of it.
+        """A value that a worker makes and puts into the spool, and what is reported of it.
 
         Raises:
             ToolError: The task failed, or took more memory than there is.

@@ -17,7 +17,7 @@ __all__ = ["FileLock"]
 class FileLock:
     """An exclusive lock that a file at `path` stands for; the file has no content.
 
-    A forked child does not inherit the lock: a worker pool that outlives its killed parent blocks nobody.
+    A forked child does not inherit the lock: a worker pool that outlives its killed parent blocks no one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -72,7 +72,7 @@ class FileLock:
             os.close(descriptor)
 
     def remove(self) -> None:
-        """Remove the file and give the lock back; removed after that, it could be a file that somebody else holds."""
+        """Remove the file and give the lock back; removed after that, it could be a file that another process holds."""
         self.path.unlink(missing_ok=True)
         self.release()
 

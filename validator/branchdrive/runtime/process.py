@@ -1,4 +1,4 @@
-"""The one way in which child processes start and end: they import nothing from the current folder, and outlive nobody.
+"""How all child processes start and end: they import nothing from the current folder and outlive no parent.
 
 `multiprocessing` starts its workers and its resource tracker by ``python -c``, and Python puts the current folder
 first on the path of such a process: a ``re.py`` in a dataset would run before any code of ours. So children start
@@ -148,7 +148,7 @@ def exit_after(wait: Callable[[], object]) -> None:
     """End this process once `wait` returns, whatever it is doing: a killed parent cannot tell its children to stop.
 
     Args:
-        wait: Called in a thread of its own; returns when nobody is left to take a result.
+        wait: Called in a thread of its own; returns when no process is left to take a result.
     """
 
     def watch() -> None:

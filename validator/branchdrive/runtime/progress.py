@@ -1,4 +1,4 @@
-"""Progress that nobody asked for."""
+"""Progress without a listener."""
 
 from __future__ import annotations
 

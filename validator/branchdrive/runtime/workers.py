@@ -42,7 +42,7 @@ class WorkerError(ToolError):
 
 
 class _StoppedError(Exception):
-    """A worker stopped in the middle of a task, whose result nobody waits for any more."""
+    """A worker stopped in the middle of a task, whose result is not waited for any more."""
 
 
 def num_workers(num_tasks: int, *, jobs: int) -> int:
@@ -157,7 +157,7 @@ def _passed_on(
 ) -> Iterator[None]:
     """Pass on what workers report; if the one who watches raises, they are asked to stop, and it is raised here.
 
-    Nobody waits for reports where a worker died or the user `insisted`, which ends workers where they are.
+    Reports are not waited for where a worker died or the user `insisted`, which ends workers where they are.
     """
     if reports is None:
         yield

@@ -252,12 +252,12 @@ class StreamView(TableView):
 
     @property
     def rollout(self) -> Index:
-        """Index into the shard's rollouts ``[rows]``, made anew where moments have several rows."""
+        """Index into the shard's rollouts ``[rows]``, computed at each call where moments have several rows."""
         return self.of_moments(self._rollout)
 
     @property
     def tick(self) -> Index:
-        """Tick ``[rows]``, made anew."""
+        """Tick ``[rows]``, computed at each call."""
         return self["tick"].astype(np.int64)
 
     def of_moments(self, values: NDArray[V]) -> NDArray[V]:
@@ -320,7 +320,7 @@ class StreamView(TableView):
 
     @cached_property
     def ascends(self) -> bool:
-        """Whether every row surely has a greater key than the one before; not told where a key takes text."""
+        """Whether every row surely has a greater key than the one before; unknown where a key takes text."""
         if self._ends is None:
             return True
         further = declared_table(self.name).key[2:]

@@ -1,4 +1,4 @@
-"""Names with texts, and tables, as HTML for notebooks: every text is escaped, whoever wrote it."""
+"""Names with texts, and tables, as HTML for notebooks: every text is escaped."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Raw datasets that several machines collected, made into one: every file of a shard keeps its bytes.
 
 The merged dataset grows beside its place and appears there whole, by one rename. What a run that was killed leaves is
-no dataset, and the next run begins anew. Files of the parts are linked to or copied, and never changed or moved.
+no dataset, and the next run starts over. Files of the parts are linked to or copied, and never changed or moved.
 
 Source: spec/03-layout.md#merging.
 """

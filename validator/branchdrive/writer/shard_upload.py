@@ -46,7 +46,7 @@ class ShardUpload:
 
         Raises:
             UsageError: It is no prefix that can be written, or holds what the folder does not: that was collected
-                elsewhere, or here and is gone, and shards that are made anew may have other bytes.
+                elsewhere, or here and is gone, and shards that are made again may have other bytes.
             PlatformError: The store cannot be reached or refuses.
         """
         target = Bucket.for_writing(url)

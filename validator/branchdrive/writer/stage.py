@@ -4,7 +4,7 @@
 
     .staging/
       writer.lock        held by the one `DatasetWriter`
-      registry.lock      held for a moment by whoever changes which groups are staged or committed
+      registry.lock      held for a moment by the process that changes which groups are staged or committed
       places.log         places of a shard, and a line for every committed one: its groups, its attempts, its digests
       maps.arrow         the maps of all towns, where they are claimed
       locks/<group>.lock held by the one `GroupWriter` of a group
@@ -170,7 +170,7 @@ class Stage:
             self.drop(group)
 
     def claim(self, group_id: str, index: int) -> tuple[StagedGroup, FileLock]:
-        """Open a group for writing, waiting for whoever writes it now.
+        """Open a group for writing, waiting for the process that writes it now.
 
         A new group is staged empty, a staged one is reopened, a committed one is brought back with
         its rollouts. From now on the dataset is unfinished: its manifest is removed.

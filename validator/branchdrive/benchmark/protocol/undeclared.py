@@ -1,6 +1,6 @@
 """Tests of models that a protocol does not declare: each against the model whose selections are guarded.
 
-Predictions of others are to be told from the best of the declared models, though no family foresaw them. Such tests
+Predictions of others are to be compared with the best of the declared models, though no family foresaw them. Such tests
 stand beside the declared ones, in no family and without adjustment: they explore.
 
 Source: this project's choice; spec/14-benchmark.md#results.

@@ -82,7 +82,7 @@ class Images:
 
     @classmethod
     def none(cls, num_rows: int) -> Images:
-        """Of images that nobody looked at yet."""
+        """Of images that were not read yet."""
         maps = {part: Comparison(np.zeros(num_rows, bool)) for part in MAP_PARTS}
         numbers = np.broadcast_to(np.float32(np.nan), (num_rows, len(NAMES)))
         return cls(np.zeros(num_rows, bool), np.zeros(num_rows, bool), maps, numbers=numbers)

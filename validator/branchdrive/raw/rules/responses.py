@@ -297,7 +297,7 @@ def _calibrated(survey: Survey, quantities: Mapping[str, Quantity]) -> Check:
 
 
 _FAULTS = ("one command from t_b to t_b + 49", "the nominal's commands", "the applied commands")
-"""What an expert that nobody asked seems to command, in the order of `Responses.expert`."""
+"""What an expert that is never asked seems to command, in the order of `Responses.expert`."""
 
 _COMMANDED = {"expert_steer": ("steer",), "expert_throttle": ("throttle", "brake")}
 """Columns of findings on the expert, and the actuators that are judged there, in the order of `Responses.expert`."""

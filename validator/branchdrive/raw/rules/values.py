@@ -169,7 +169,7 @@ def routes_are_polylines(view: ShardView) -> Iterator[Check]:
 
 @rule("BD-VAL-007")
 def zeros_are_positive(view: Tables) -> Iterator[Check]:
-    """No zero of a floating-point column has a sign, which nobody sees and equality does not tell apart."""
+    """No zero of a floating-point column has a sign, which equality ignores."""
     for table, column in _columns(view, lambda c: "float" in c.type):
         bad = NONE
         if not table.extremes(column.name)[0] > 0:

@@ -48,7 +48,7 @@ class Judged:
         scale: Of the targets.
         counts: ``[R, N]``, counts of groups.
         bank_spearman: ``[N, 6]``; NaN where a side is constant.
-        pooled_spearman: ``[R, 6]``, likewise.
+        pooled_spearman: ``[R, 6]``, in the same way.
     """
 
     outcomes: Outcomes
