@@ -12,7 +12,7 @@ from branchdrive.cli.build import seed
 from branchdrive.cli.output import check_output
 from branchdrive.cli.place import folder
 from branchdrive.cli.progress import progress_bar
-from branchdrive.cli.validate import at_least
+from branchdrive.cli.validate import at_least, in_range
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
 from branchdrive.exit_code import EXIT_INTERRUPTED
@@ -27,7 +27,6 @@ __all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
 SUMMARY = "let selectors drive, closed loop, where none was trained"
 ORDER = 185
 
-_MAX_DECISIONS = 100
 _MAX_STRENGTH = 100.0
 
 
@@ -38,14 +37,6 @@ def ticks(text: str) -> int:
     value = int(text)
     if value < OBSERVATION_STRIDE_TICKS or value % OBSERVATION_STRIDE_TICKS:
         raise argparse.ArgumentTypeError(f"{value} is no multiple of {OBSERVATION_STRIDE_TICKS} above 0")
-    return value
-
-
-def decisions(text: str) -> int:
-    """Decisions of a drive at most; `argparse` names this function in its messages."""
-    value = int(text)
-    if not 1 <= value <= _MAX_DECISIONS:
-        raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MAX_DECISIONS}")
     return value
 
 
@@ -79,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--seed", metavar="S", type=seed, required=True, help="seed of the population, one not used yet")
     where.add_argument("--every", metavar="TICKS", type=ticks, default=50, help="ticks between decisions (default: 50)")
     where.add_argument(
-        "--decisions", metavar="K", type=decisions, action="append",
+        "--decisions", metavar="K", type=in_range(1, 100), action="append",
         help="decisions of a drive at most, the first at the branch (repeatable; default: 1)",
     )  # fmt: skip
     where.add_argument(

@@ -138,12 +138,11 @@ def _arms(
     terms: dict[str, Terms] = {}
     rates: list[str] = []
     references = [_reference(arms, arm) for arm in arms]
-    ones = np.ones(len(names))
+    ones, shares = np.ones(len(names)), [_shares(found) for found in drives]
     for i, found in enumerate(drives):
-        shares = _shares(found)
         way_km = _column(found, "way_km")
-        terms |= {f"{i} {name}": term for name, term in shares.items()}
-        rates += [f"{i} {name}" for name in shares]
+        terms |= {f"{i} {name}": term for name, term in shares[i].items()}
+        rates += [f"{i} {name}" for name in shares[i]]
         for event in EVENTS:
             counts, known = _counted(found, event)
             terms[f"{i} {event} a km"] = Terms(counts * known, way_km * known)
@@ -152,7 +151,7 @@ def _arms(
             there = np.isfinite(values).astype(np.float64)
             terms[f"{i} {name}"] = Terms(np.where(there > 0, values, 0.0), there)
         other = drives[references[i]]
-        hit, hit_nominal = (_shares(some)["collision"] for some in (found, other))
+        hit, hit_nominal = (shares[arm]["collision"] for arm in (i, references[i]))
         both = hit.denominator * hit_nominal.denominator  # monitored in both drives
         more = hit.numerator - hit_nominal.numerator
         terms[f"{i} score to nominal"] = Terms(_column(found, "score") - _column(other, "score"), ones)
@@ -251,19 +250,15 @@ def _offline(
         return {"offline": None, "correlations": []}
     keys, nominal = training.bank.keys, training.bank.nominal_index
     exact = [i for i, arm in enumerate(arms) if arm.condition.name == CONDITIONS[0]]
-    first_schedule = arms[exact[0]].schedule
     by_selector: dict[str, dict[str, Array]] = {}
-    for i in exact:
-        if arms[i].schedule != first_schedule:
-            continue
+    for i in (i for i in exact if arms[i].schedule == arms[exact[0]].schedule):
         chosen = [keys.index(driven[g]["drives"][i]["choices"][0]) for g in ranked]
         shares = by_score(np.eye(len(keys))[chosen])
         found = measures(shares, utilities[ranked], nominal=nominal)
         contact = (values[ranked, chosen, _SEPARATION] <= 0).astype(np.float64)
         by_selector[arms[i].selector] = {"value": found.value, "regret": found.regret, "contact": contact}
-    clusters = Clusters.of([names[g] for g in ranked])
     cluster_names = [names[g] for g in ranked]
-    ones = np.ones(len(ranked))
+    clusters, ones = Clusters.of(cluster_names), np.ones(len(ranked))
     terms = {
         f"{name} {figure}": Terms(values, ones)
         for name, found in by_selector.items()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.cli.build import seed
 from branchdrive.cli.place import folder
 from branchdrive.cli.progress import Update, progress_bar
+from branchdrive.cli.validate import in_range
 from branchdrive.collector.part import WHOLE, Part
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
@@ -32,14 +33,6 @@ ORDER = 20
 
 _MAX_COUNT = 1_000_000
 _MAX_STRENGTH = 100.0
-
-
-def count(text: str) -> int:
-    """A number of groups or processes; `argparse` names this function in its messages."""
-    value = int(text)
-    if not 1 <= value <= _MAX_COUNT:
-        raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MAX_COUNT}")
-    return value
 
 
 def bucket(text: str) -> str:
@@ -67,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     fault_presets, branch_presets = " or ".join(FAULT_PRESETS), " or ".join(BRANCH_PRESETS)
     parser.add_argument("out", metavar="OUT", type=folder, help="folder of the dataset; an interrupted one is resumed")
     what = parser.add_argument_group("what to collect")
-    what.add_argument("--groups", metavar="N", type=count, help="branch groups to collect")
+    what.add_argument("--groups", metavar="N", type=in_range(1, _MAX_COUNT), help="branch groups to collect")
     what.add_argument(
         "--preset",
         choices=PRESETS,
@@ -109,7 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "docs/reference-world.md describes them",
     )
     work = parser.add_argument_group("how to work")
-    work.add_argument("--jobs", metavar="J", type=count, help="worker processes (default: 1)")
+    work.add_argument("--jobs", metavar="J", type=in_range(1, _MAX_COUNT), help="worker processes (default: 1)")
     work.add_argument(
         "--output",
         metavar="URL",

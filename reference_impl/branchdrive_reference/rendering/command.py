@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 from branchdrive.cli.output import check_output
 from branchdrive.cli.place import folder
 from branchdrive.cli.progress import Update, progress_bar
+from branchdrive.cli.validate import in_range
 from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
 from branchdrive.runtime.environment import extra
@@ -18,30 +19,14 @@ from branchdrive.runtime.interrupt import heeded_termination
 if TYPE_CHECKING:
     from branchdrive_reference.rendering.dataset import RenderReport
 
-__all__ = ["ORDER", "STREAM_NAMES", "SUMMARY", "add_arguments", "image_size", "run"]
+__all__ = ["ORDER", "STREAM_NAMES", "SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "add camera images and bird's-eye views, drawn from what a dataset records"
 ORDER = 40
 
 STREAM_NAMES = ("rgb_surround", "rgb_top_down", "semantic_bev")
-_MOST_PX = 4096
-_MOST_JOBS = 1024
-
-
-def image_size(text: str) -> int:
-    """Rows or columns of an image; `argparse` names this function in its messages."""
-    value = int(text)
-    if not 16 <= value <= _MOST_PX:
-        raise argparse.ArgumentTypeError(f"{value} is not in 16 .. {_MOST_PX}")
-    return value
-
-
-def jobs(text: str) -> int:
-    """A number of processes; `argparse` names this function in its messages."""
-    value = int(text)
-    if not 1 <= value <= _MOST_JOBS:
-        raise argparse.ArgumentTypeError(f"{value} is not in 1 .. {_MOST_JOBS}")
-    return value
+_image_size = in_range(16, 4096)
+"""Parser of rows or columns of an image."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,16 +45,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"media streams to render (default: {','.join(STREAM_NAMES)})",
     )
     parser.add_argument(
-        "--width", metavar="PX", type=image_size, default=160, help="columns of RGB images (default: 160)"
+        "--width", metavar="PX", type=_image_size, default=160, help="columns of RGB images (default: 160)"
     )
-    parser.add_argument("--height", metavar="PX", type=image_size, default=90, help="rows of RGB images (default: 90)")
+    parser.add_argument("--height", metavar="PX", type=_image_size, default=90, help="rows of RGB images (default: 90)")
     parser.add_argument(
         "--window",
         choices=("branch", "all"),
         default="branch",
         help="the 26 observations around the branch, or every observation (default: branch)",
     )
-    parser.add_argument("--jobs", metavar="J", type=jobs, default=1, help="worker processes (default: 1)")
+    parser.add_argument("--jobs", metavar="J", type=in_range(1, 1024), default=1, help="worker processes (default: 1)")
 
 
 def chosen_streams(text: str) -> tuple[str, ...]:

@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from tests.validator.leakage.replays import changed, replay_inputs
 
-from branchdrive.leakage.audit import audit_leakage
+from branchdrive.leakage.audit import SeenInputs, audit_of
 from branchdrive.leakage.classifier import SequenceTask, Unavailable, sequence_classifier
+from branchdrive.leakage.draw import KeptHere
 from branchdrive.leakage.protocol import SEQUENCE_TESTS, AuditProtocol, BatteryProtocol, GateProtocol
 from branchdrive.leakage.score import held_out_score
 
@@ -104,8 +105,10 @@ def test_the_audit_finds_it_and_runs_it() -> None:
     inputs = replay_inputs(40, seed=1)
     ego = np.array(inputs.ego)
     ego[:, :, 8:, 3] += np.linspace(-1, 1, 5)[:, None]
-    document = audit_leakage(
-        changed(inputs, ego=ego),
+    inputs = changed(inputs, ego=ego)
+    document = audit_of(
+        KeptHere(inputs),
+        SeenInputs.of(inputs),
         seed=1,
         protocol=AuditProtocol(
             GateProtocol(num_permutations=9, num_frequencies=4, offsets_sd=()), BatteryProtocol(num_permutations=4_999)

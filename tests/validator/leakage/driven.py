@@ -16,8 +16,9 @@ import numpy as np
 
 from branchdrive.contract.document import dump_json, parse_json
 from branchdrive.driving.discrepancy import History, core_discrepancy
-from branchdrive.leakage.audit import audit_leakage
+from branchdrive.leakage.audit import SeenInputs, audit_of
 from branchdrive.leakage.classifier import Unavailable
+from branchdrive.leakage.draw import KeptHere
 from branchdrive.leakage.gate import dealt
 from branchdrive.leakage.inputs import ReplayInputs, gate_features
 from branchdrive.leakage.protocol import AuditProtocol, BatteryProtocol, GateProtocol
@@ -75,7 +76,10 @@ def driven_inputs() -> ReplayInputs:
 
 def audited(inputs: ReplayInputs) -> dict[str, Any]:
     """The document of an audit without recurrent tests."""
-    return audit_leakage(inputs, seed=5, protocol=PROTOCOL, sequence_classifier=Unavailable("not installed"))
+    return audit_of(
+        KeptHere(inputs), SeenInputs.of(inputs), seed=5, protocol=PROTOCOL,
+        sequence_classifier=Unavailable("not installed"),
+    )  # fmt: skip
 
 
 def mismatches(document: dict[str, Any], inputs: ReplayInputs) -> list[str]:

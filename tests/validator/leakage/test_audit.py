@@ -14,8 +14,9 @@ from tests.validator.leakage.classifiers import Regression, Undecided
 from tests.validator.leakage.replays import changed, replay_inputs
 
 from branchdrive.contract.document import dump_json, parse_json, schema_mismatches
-from branchdrive.leakage.audit import audit_key, audit_leakage
+from branchdrive.leakage.audit import SeenInputs, audit_key, audit_of
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
+from branchdrive.leakage.draw import KeptHere
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import CONTROLS, SEQUENCE_TESTS, TESTS, AuditProtocol, BatteryProtocol, GateProtocol
 
@@ -34,7 +35,7 @@ def audited(
         "protocol": QUICK,
         "sequence_classifier": classifier or Regression(),
     } | options
-    return audit_leakage(inputs, **options)
+    return audit_of(KeptHere(inputs), SeenInputs.of(inputs), **options)
 
 
 def statuses(document: dict[str, Any]) -> set[str]:

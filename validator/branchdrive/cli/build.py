@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from branchdrive.cli.executor import add_executor_argument, executor_of
 from branchdrive.cli.place import local, place
 from branchdrive.cli.progress import progress_bar
-from branchdrive.cli.validate import at_least
+from branchdrive.cli.validate import at_least, in_range
 from branchdrive.errors import UsageError
 
 if TYPE_CHECKING:
@@ -27,15 +27,9 @@ SUMMARY = "build the derived layers of a release from a raw layer"
 ORDER = 120
 
 _STAGES = ("canonical", "quality", "leakage", "model")
-_MAX_SEED = 2**63 - 1
 
-
-def seed(text: str) -> int:
-    """A seed; `argparse` names this function in its messages."""
-    value = int(text)
-    if not 0 <= value <= _MAX_SEED:
-        raise argparse.ArgumentTypeError(f"{value} is not in 0 .. {_MAX_SEED}")
-    return value
+seed = in_range(0, 2**63 - 1)
+"""Parser of seeds."""
 
 
 def calibration(text: str) -> tuple[int, int]:

@@ -24,12 +24,20 @@ ORDER = 80
 
 
 def at_least(low: int) -> Callable[[str], int]:
-    """Parser of whole numbers of at least `low`."""
+    """Parser of whole numbers of at least `low`, and below a thousand million."""
+    return _whole_number(low, 10**9 - 1, f"of at least {low}")
 
+
+def in_range(low: int, high: int) -> Callable[[str], int]:
+    """Parser of whole numbers from `low` to `high`."""
+    return _whole_number(low, high, f"from {low} to {high}")
+
+
+def _whole_number(low: int, high: int, which: str) -> Callable[[str], int]:
     def parse(text: str) -> int:
-        value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
-        if value < low:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least {low}")
+        value = int(text) if text.isascii() and text.isdigit() and len(text) < 20 else -1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is no whole number {which}")
         return value
 
     return parse

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from branchdrive.leakage.battery import Part, Way, WayFacts, way_facts
 from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
-from branchdrive.leakage.draw import Kept, KeptHere, Workplace, drawn_here
+from branchdrive.leakage.draw import Kept, Workplace, drawn_here
 from branchdrive.leakage.gate import Code, Gate, GateSubject, Place, gate_of
 from branchdrive.leakage.inputs import GateFeature, ReplayInputs, gate_columns, gate_features
 from branchdrive.leakage.protocol import CONTROLS, TESTS, AuditProtocol
@@ -29,7 +29,7 @@ from branchdrive.leakage.streams import StreamColumn
 from branchdrive.quality.threshold import VARIABLES
 
 __all__ = [
-    "SeenInputs", "audit_key", "audit_leakage", "audit_of", "code_as_json", "described_inputs", "gate_as_json",
+    "SeenInputs", "audit_key", "audit_of", "code_as_json", "described_inputs", "gate_as_json",
     "place_as_json",
 ]  # fmt: skip
 
@@ -92,27 +92,6 @@ def audit_key(
     settings = _settings(sequence_classifier)
     key = [digest, seed, (protocol or AuditProtocol()).as_json(), settings]
     return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
-
-
-def audit_leakage(
-    inputs: ReplayInputs,
-    *,
-    seed: int,
-    protocol: AuditProtocol | None = None,
-    sequence_classifier: SequenceClassifier | Unavailable,
-    remember: Remember = lambda _, compute: compute(),
-    progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Audit of replays in this process, as JSON; see `audit_of`."""
-    return audit_of(
-        KeptHere(inputs),
-        SeenInputs.of(inputs),
-        seed=seed,
-        protocol=protocol,
-        sequence_classifier=sequence_classifier,
-        remember=remember,
-        progress=progress,
-    )
 
 
 def audit_of(

@@ -84,11 +84,6 @@ class Passed(NamedTuple):
         """Groups all of whose pairs pass the core variables, ``[groups]``."""
         return np.asarray(self.core.all(axis=1))
 
-    @property
-    def extended_bank(self) -> Mask:
-        """Groups all of whose pairs pass core and extended variables, ``[groups]``."""
-        return np.asarray(self.extended.all(axis=1))
-
 
 def fit_thresholds(discrepancies: ArrayLike, *, has_pedestrian: ArrayLike) -> Thresholds:
     """Thresholds of structurally eligible training groups, which are all that this function may be given.
