@@ -1,4 +1,4 @@
-"""The one door to matplotlib: deaf to the current folder, and silent while it draws.
+"""The one door to matplotlib: independent of the current folder, and silent while it draws.
 
 It reads a ``matplotlibrc`` of the current folder when it is loaded, and fails on one that is not text; what the file
 says is set back before anything is drawn. What is wrong with a drawing is said once, as text, and not by the library.

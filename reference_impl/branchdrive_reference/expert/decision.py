@@ -58,7 +58,7 @@ _CONFLICT_MARGIN_M = 1.0
 
 @kernel
 def _cruise_speed_mps(plan: Records, path: Records, arc_m: float, offset_m: float) -> float:
-    """Advisory speed of the route, lower on a lane shift and the further the ego is astray."""
+    """Advisory speed of the route, lower on a lane shift and the further the ego is from its planned path."""
     speed = path[locate(path, arc_m)].advisory_speed_mps
     if plan.shift_m != 0.0 and arc_m + sight_m(speed) > plan.begin_m:
         speed = min(speed, max(_SHIFT_SPEED_MPS, _SHIFT_SHARE * speed))

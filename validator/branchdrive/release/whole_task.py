@@ -131,10 +131,11 @@ def duplicates_of_all(
     labels = np.unique(homes, return_inverse=True)[1].astype(np.int64)
     of_all = [_NearestTask(spool, labels, None, rows) for rows in _ranges(len(homes))]
     among = int(in_training.sum())
-    of_training = [_NearestTask(spool, labels, in_training, rows) for rows in _ranges(among)]
-    found = work.run(_nearest, [*of_all, *(of_training if among >= MIN_TRAINING else ())])
+    judged = _ranges(among) if among >= MIN_TRAINING else []
+    of_training = [_NearestTask(spool, labels, in_training, rows) for rows in judged]
+    found = work.run(_nearest, [*of_all, *of_training])
     nearest = Nearest(*(np.concatenate(columns) for columns in zip(*found[: len(of_all)], strict=True)))
-    return judged_distances(np.concatenate(found[len(of_all) :]) if among >= MIN_TRAINING else None, nearest)
+    return judged_distances(np.concatenate(found[len(of_all) :]) if of_training else None, nearest)
 
 
 def _ranges(count: int) -> list[slice]:

@@ -292,7 +292,7 @@ REGIONS: Mapping[str, Callable[[], str]] = MappingProxyType(
 
 
 def render_regions(text: str) -> str:
-    """`text` of a chapter with every generated region rendered afresh.
+    """`text` of a chapter with every generated region rendered again.
 
     Raises:
         UsageError: A region has a name that `REGIONS` does not know.
