@@ -102,6 +102,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "differs (default: 0)",
     )  # fmt: skip
     cache.add_argument(
+        "--trust-versions", action="store_true",
+        help="of a dataset in a bucket: let the ETag and time that are listed for an object stand for the bytes that "
+        "an earlier run read of it, and read no shard whose result is taken; the report says for how many",
+    )  # fmt: skip
+    cache.add_argument(
         "--cache-size", metavar="GIB", type=at_least(1),
         help="size of a cache in a folder after the run, in GiB; what was not used for longest goes first (default: "
         f"{_CACHE_GIB}); a bucket has rules of its own for what is old",
@@ -120,6 +125,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     if args.recheck and args.cache is None:
         raise UsageError("`--recheck` judges again what is taken from a cache; name one with `--cache`")
+    if args.trust_versions and args.cache is None:
+        raise UsageError("`--trust-versions` is about what is taken from a cache; name one with `--cache`")
     written = outputs(args.output)
     for output in written:
         for root in (args.dataset, args.raw):
@@ -129,7 +136,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     if args.cache is not None:
         if is_url(args.cache) and args.cache_size is not None:
             raise UsageError("`--cache-size` bounds a folder; let a rule of the bucket remove what is old")
-        cache = Cache(args.cache, recheck=args.recheck, max_bytes=(args.cache_size or _CACHE_GIB) << 30)
+        max_bytes = (args.cache_size or _CACHE_GIB) << 30
+        cache = Cache(args.cache, recheck=args.recheck, max_bytes=max_bytes, trust_versions=args.trust_versions)
     with ExitStack() as stack:
         root = stack.enter_context(snapshot(local(args.dataset, "--staging"))) if args.staging else args.dataset
         progress = stack.enter_context(progress_bar(stderr, "validating shards"))

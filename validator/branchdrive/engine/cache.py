@@ -9,15 +9,16 @@ Source: spec/07-rules.md#report.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import counted
-from branchdrive.engine.cache_key import Keys, may_keep, shard_key
+from branchdrive.engine.cache_key import Keys, key_of, may_keep, shard_key
 from branchdrive.engine.derived_rules import LayersResult
 from branchdrive.engine.shard import ShardResult, ShardTask, spooled_name
 from branchdrive.engine.stored_result import from_bytes, to_bytes
@@ -50,6 +51,8 @@ class Cache:
         recheck: Share of the results taken that are judged again.
         max_bytes: What may lie in a folder when a run is over; what was not used for longest goes first. A bucket has
             rules of its own for what is old.
+        trust_versions: Whether the version of an object that a bucket lists stands for the bytes that an earlier run
+            read of it, so that shards whose result is taken are not read.
 
     Raises:
         UsageError: The share is none.
@@ -58,6 +61,7 @@ class Cache:
     path: Path | str
     recheck: float = 0.0
     max_bytes: int = 16 << 30
+    trust_versions: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.recheck <= 1:
@@ -85,6 +89,7 @@ class CacheUse:
 
     Attributes:
         shards: Folders of the shards that an earlier run judged.
+        by_version: Those of them whose files were not read, since the versions were those that an earlier run read.
         num_layer_tasks: Tasks on derived layers that one judged.
         versions: Versions of the validator that judged them.
         num_rechecked: How many of both were judged again.
@@ -95,6 +100,7 @@ class CacheUse:
     """
 
     shards: set[str] = field(default_factory=set)
+    by_version: set[str] = field(default_factory=set)
     num_layer_tasks: int = 0
     versions: set[str] = field(default_factory=set)
     num_rechecked: int = 0
@@ -114,6 +120,11 @@ class CacheUse:
             again = f"; {self.num_rechecked:,} of these judged again" if self.num_rechecked else ""
             layers = f" and {counted(self.num_layer_tasks, 'task')} on derived layers" if self.num_layer_tasks else ""
             yield f"{len(self.shards)} of {counted(num_shards, 'shard')}{layers} {by}{again}"
+        if self.by_version:
+            yield (
+                f"the versions that the store lists stood for the bytes of {len(self.by_version)} of "
+                f"{counted(num_shards, 'shard')}, which were not read"
+            )
         if self.num_damaged:
             yield f"{counted(self.num_damaged, 'damaged file')} in the cache, whose tasks were judged anew"
         if self.num_unasked:
@@ -123,6 +134,7 @@ class CacheUse:
         """The use as the report schema has it."""
         return {
             "shards": len(self.shards),
+            "by_version": len(self.by_version),
             "layer_tasks": self.num_layer_tasks,
             "versions": sorted(self.versions),
             "rechecked": self.num_rechecked,
@@ -140,6 +152,7 @@ class _Task:
         task: Of a shard, of derived layers, or another one.
         kept: Where results are kept.
         run: Name of the run.
+        is_trusting: Whether versions of a bucket stand for bytes.
         recheck: Share of what is taken that is judged again.
         day: Seed of the draw of what is judged again.
         key: Digest of all that the result depends on beside files of a shard; ``None`` where that is not known.
@@ -149,6 +162,7 @@ class _Task:
     task: Any
     kept: Kept
     run: str
+    is_trusting: bool
     recheck: float
     day: int
     key: str | None
@@ -162,6 +176,7 @@ class _Outcome:
         result: The result.
         key: Its key; ``None`` where it may not be kept.
         version: Version of the validator that gave it in an earlier run; ``None`` if this run did.
+        is_by_version: Whether no file was read for it.
         is_damaged: Whether there was an entry that could not be read.
         is_rechecked: Whether there was one, and this run judged again.
         difference: How the two differ.
@@ -171,20 +186,21 @@ class _Outcome:
     result: Any
     key: str | None = None
     version: str | None = None
+    is_by_version: bool = False
     is_damaged: bool = False
     is_rechecked: bool = False
     difference: str | None = None
     fault: str | None = None
 
 
-def caching(executor: Executor, kept: Kept, use: CacheUse, *, recheck: float, day: int) -> Executor:
+def caching(executor: Executor, cache: Cache, kept: Kept, use: CacheUse, *, day: int) -> Executor:
     """Executor that runs by another one what is not in the cache.
 
     Args:
         executor: What runs tasks; where it does so on another machine, a folder may be missing there.
-        kept: Where results are kept.
+        cache: How far results are believed.
+        kept: Where they are kept.
         use: Counts what was taken.
-        recheck: Share of what is taken that is judged again.
         day: Number of the day; on each, others are judged again.
     """
     keys, name = Keys(installation_digest()), os.urandom(16).hex()
@@ -193,7 +209,9 @@ def caching(executor: Executor, kept: Kept, use: CacheUse, *, recheck: float, da
         if not any(map(may_keep, tasks)):
             yield from executor(function, tasks)
             return
-        wrapped = [_Task(function, task, kept, name, recheck, day, keys.of(task)) for task in tasks]
+        wrapped = [
+            _Task(function, task, kept, name, cache.trust_versions, cache.recheck, day, keys.of(task)) for task in tasks
+        ]
         for index, outcome in executor(_judge_once, wrapped):
             if isinstance(outcome, _Outcome):
                 note(tasks[index], outcome)
@@ -205,7 +223,9 @@ def caching(executor: Executor, kept: Kept, use: CacheUse, *, recheck: float, da
         if isinstance(task, ShardTask):
             keys.note(task, outcome.key)
             use.shards.discard(task.folder)  # where it is judged once more, the last time counts
+            use.by_version.discard(task.folder)
             use.shards |= {task.folder} if outcome.version else set()
+            use.by_version |= {task.folder} if outcome.is_by_version else set()
         else:
             use.num_layer_tasks += outcome.version is not None
         use.versions |= {outcome.version} if outcome.version else set()
@@ -225,28 +245,26 @@ _faults: dict[str, str] = {}
 def _judge_once(once: _Task) -> _Outcome:
     """Result of a task: from the cache, or from its function and then kept."""
     task = once.task
-    key, digests = once.key, None
-    if key is not None and once.run in _faults:
-        return _Outcome(once.function(task), fault=_faults[once.run])
-    if key is not None and isinstance(task, ShardTask):
-        digests = _digests(task)
-        key = None if digests is None else shard_key(key, digests)
-    if key is None:
-        return _Outcome(once.function(task))
-    found = _Found.under(key, once)
-    entry = found.entry
-    is_drawn = entry is not None and _is_drawn(once, key)
-    if entry is not None and not is_drawn:
+    if once.key is None or once.run in _faults:
+        return _Outcome(once.function(task), fault=None if once.key is None else _faults[once.run])
+    found = _look(once)
+    key, entry = found.key, found.entry
+    if key is not None and entry is not None and not _is_drawn(once, key):
         for name, frame in entry["rows"].items():
             task.spool.put(name, frame)
-        return _Outcome(entry["result"], key, entry["version"])
+        _keep_note(once, found)
+        return _Outcome(entry["result"], key, entry["version"], is_by_version=found.is_by_version)
     result = once.function(task)
-    if not _is_sound(result, digests):
-        return _Outcome(result, is_damaged=found.is_damaged, fault=found.fault)
+    outcome = _Outcome(result, is_damaged=found.is_damaged, fault=found.fault)
+    if found.is_by_version and (lie := _lie(once, found, result)):
+        return replace(outcome, difference=lie)
+    if key is None or not _is_sound(result, found.digests):
+        return outcome
     value = {"version": own_version(), "result": result, "rows": _rows(task, result)}
     if entry is None:
         fault = found.fault or _fault_of(once, lambda: once.kept.put(key, to_bytes(value)))
-        return _Outcome(result, key, is_damaged=found.is_damaged, fault=fault)
+        _keep_note(once, found)
+        return replace(outcome, key=key, fault=fault)
     parts = _differing(entry, value)
     where = f"{task.folder if isinstance(task, ShardTask) else 'derived layers'}: entry {key} of the cache {once.kept}"
     advice = "it differs from what judging again gives; remove it, and judge without a cache what rests on it"
@@ -256,26 +274,52 @@ def _judge_once(once: _Task) -> _Outcome:
 
 @dataclass
 class _Found:
-    """What a cache has for a task: an entry, nothing, something damaged, or no answer."""
+    """What a cache has for a task.
 
+    Attributes:
+        key: Key of the result; ``None`` where it is not known.
+        digests: SHA-256 of each file of a shard.
+        note: Name of what says which digests the listed versions of these files have; ``None`` without trust in them.
+        is_by_version: Whether it said so, and no file was read.
+        entry: The entry under the key.
+        is_damaged: Whether something is there that cannot be read.
+        fault: Why the cache could not be asked.
+    """
+
+    key: str | None = None
+    digests: dict[str, str] | None = None
+    note: str | None = None
+    is_by_version: bool = False
     entry: dict[str, Any] | None = None
     is_damaged: bool = False
     fault: str | None = None
 
-    @classmethod
-    def under(cls, key: str, once: _Task) -> _Found:
-        """What is under a key."""
-        found = cls()
 
-        def look() -> None:
-            content = once.kept.get(key)
-            found.entry = None if content is None else _kept(content, once.task)
+def _look(once: _Task) -> _Found:
+    """Look for the result of a task."""
+    task, found = once.task, _Found(once.key)
+    if isinstance(task, ShardTask) and once.key is not None:
+        found.note = _note_name(task) if once.is_trusting else None
+        if found.note is not None:
+            found.digests = _got(once, found, found.note, lambda content: _noted(content, task))
+            found.is_by_version = found.digests is not None
+        if found.fault is None and found.digests is None:
+            found.digests = _digests(task)
+        found.key = None if found.digests is None else shard_key(once.key, found.digests)
+    if found.key is not None:
+        found.entry = _got(once, found, found.key, lambda content: _kept(content, task))
+    return found
 
-        try:
-            found.fault = _fault_of(once, look)
-        except (DamagedError, ValueError):
-            found.is_damaged = True
-        return found
+
+def _got(once: _Task, found: _Found, name: str, read: Callable[[bytes], dict[str, Any]]) -> dict[str, Any] | None:
+    """What `read` makes of what is kept under a name; ``None``, and noted in `found`, where there is nothing sound."""
+    content: list[bytes | None] = []
+    try:
+        found.fault = _fault_of(once, lambda: content.append(once.kept.get(name)))
+        return read(content[0]) if content and content[0] is not None else None
+    except (DamagedError, ValueError):
+        found.is_damaged = True
+        return None
 
 
 def _fault_of(once: _Task, ask: Callable[[], None]) -> str | None:
@@ -287,6 +331,43 @@ def _fault_of(once: _Task, ask: Callable[[], None]) -> str | None:
         _faults[once.run] = text.partition(";")[0]
         return _faults[once.run]
     return None
+
+
+def _note_name(task: ShardTask) -> str | None:
+    """Name of what says which digests the listed versions of a shard's files have; ``None`` where there are none."""
+    versions = [task.dataset.lasting_version(path) for path in task.files]
+    return None if None in versions else key_of({"versions": versions})
+
+
+def _noted(content: bytes, task: ShardTask) -> dict[str, str]:
+    """Digests of a shard's files.
+
+    Raises:
+        ValueError: It holds none.
+    """
+    digests = json.loads(content)
+    if not isinstance(digests, dict) or digests.keys() != {*task.files}:
+        raise ValueError("no digests of these files")
+    return {path: str(digest) for path, digest in digests.items()}
+
+
+def _keep_note(once: _Task, found: _Found) -> None:
+    """Keep which digests the listed versions have, of files that this run has read in them."""
+    note = found.note
+    if note is not None and not found.is_by_version and once.run not in _faults:
+        content = json.dumps(found.digests, sort_keys=True).encode()
+        _fault_of(once, lambda: once.kept.put(note, content))
+
+
+def _lie(once: _Task, found: _Found, result: Any) -> str | None:
+    """What is wrong where files have other digests than their versions had; a file that cannot be read has none."""
+    others = [path for path, digest in (found.digests or {}).items() if result.digests.get(path, digest) != digest]
+    if not others:
+        return None
+    return (
+        f"{others[0]}: the store gives other bytes for one version than an earlier run read, by entry {found.note} of "
+        f"the cache {once.kept}; remove it, and validate without `trust_versions`"
+    )
 
 
 def _kept(content: bytes, task: Any) -> dict[str, Any]:

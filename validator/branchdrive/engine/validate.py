@@ -123,7 +123,7 @@ def validate(
     if cache is not None and use is not None:
         _check_cache(cache, stores, strict, hash_files and "BD-LAY-002" in selected)
         kept = open_kept(cache)
-        executor = caching(executor, kept, use, recheck=cache.recheck, day=today.toordinal())
+        executor = caching(executor, cache, kept, use, day=today.toordinal())
     # Without the rule on digests, the rule on decoding checks a damaged table.
     survey = take_survey(folder, hash_files=hash_files and "BD-LAY-002" in selected)
     source = survey if raw is None else _raw_survey(survey, stores[1])
@@ -179,6 +179,8 @@ def _check_cache(cache: Cache, stores: Iterable[Store], strict: bool, is_hashed:
             "a cache goes by the digests of files; compare them, and leave BD-LAY-002 in, or drop the cache"
         )
     for store in stores:
+        if cache.trust_versions and not store.has_versions:
+            raise UsageError(f"only a bucket lists versions that can be trusted, and {str(store)!r} is none; drop that")
         if is_url(cache.path):
             is_inside = f"{str(cache.path).rstrip('/')}/".startswith(f"{str(store).rstrip('/')}/")
         else:

@@ -5,6 +5,7 @@ A web server lists nothing: there, a dataset is what its manifest names.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +20,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats.manifest import read_manifest
-from branchdrive.formats.object_client import check_process, check_url, connect, is_web, store_faults
+from branchdrive.formats.object_client import check_process, check_url, connect, endpoints, is_web, store_faults
 from branchdrive.formats.pinned import Pinned, PinnedStore, most_files
 from branchdrive.formats.ranged_file import RangedFile
 
@@ -135,6 +136,19 @@ class Bucket(PinnedStore):
     def place(self, path: str) -> str:
         """URL of what is at a path."""
         return f"{self.url}/{path}" if path else self.url
+
+    @property
+    def has_versions(self) -> bool:
+        """Yes, where the URL and the environment alone say which bucket it is."""
+        return self.client is None and self.lists_all
+
+    def lasting_version(self, path: str) -> str | None:
+        """URL, path, size, ETag and time of the listed object; ``None`` where its ETag is none that can be trusted."""
+        found = self.versions.get(path)
+        if not self.has_versions or found is None or "if_match" not in found.condition or found.modified is None:
+            return None
+        written = found.modified.isoformat()
+        return json.dumps([*endpoints(), self.url, path, found.size, found.e_tag, written])
 
     def only(self, paths: Collection[str]) -> Bucket:
         """The bucket with the versions of these objects alone."""

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
 __all__ = [
-    "BRIEF_RETRIES", "BRIEF_TIMEOUTS", "RETRIES", "TIMEOUTS", "check_process", "check_url", "connect", "is_web",
-    "store_faults",
+    "BRIEF_RETRIES", "BRIEF_TIMEOUTS", "RETRIES", "TIMEOUTS", "check_process", "check_url", "connect",
+    "endpoints", "is_web", "store_faults",
 ]  # fmt: skip
 
 RETRIES: dict[str, Any] = {
@@ -64,6 +64,11 @@ _user: int | None = None
 def is_web(url: str) -> bool:
     """Whether a URL is of a web server, which lists nothing and takes nothing."""
     return url.startswith(("https://", "http://"))
+
+
+def endpoints() -> tuple[str | None, ...]:
+    """Servers that the environment names for buckets."""
+    return tuple(map(os.environ.get, _ENDPOINTS))
 
 
 def check_url(url: str) -> None:
@@ -112,7 +117,7 @@ def connect(url: str, *, is_brief: bool = False) -> ObjectStore:
     """
     from obstore.store import HTTPStore, from_url
 
-    is_plain = any(place.startswith("http://") for place in (url, *map(os.environ.get, _ENDPOINTS)) if place)
+    is_plain = any(place.startswith("http://") for place in (url, *endpoints()) if place)
     options: dict[str, Any] = {
         "client_options": {**(BRIEF_TIMEOUTS if is_brief else TIMEOUTS), **({"allow_http": True} if is_plain else {})},
         "retry_config": BRIEF_RETRIES if is_brief else RETRIES,
