@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from tests import synthetic
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.engine.cache import _Keys, _shard_key
+from branchdrive.engine.cache_key import Keys
+from branchdrive.engine.cache_key import shard_key as key_of_shard
 from branchdrive.engine.derived_rules import LayersTask, RawRows
 from branchdrive.engine.shard import ShardTask
 from branchdrive.engine.spool import Spool
@@ -34,13 +35,13 @@ LAYERS = LayersTask(
 
 
 def shard_key(task: ShardTask, digests: dict[str, str], by: str) -> str | None:
-    about = _Keys(by).of(task)
-    return None if about is None else _shard_key(about, digests)
+    about = Keys(by).of(task)
+    return None if about is None else key_of_shard(about, digests)
 
 
 def layers_key(task: LayersTask, raw_key: str | None, by: str) -> str | None:
     """Key of a task whose rows are all of shards with one key."""
-    keys = _Keys(by)
+    keys = Keys(by)
     for shard in task.raw.shards:
         keys.note(replace(TASK, folder=shard, spool=task.spool), raw_key)
     return keys.of(task)
@@ -130,7 +131,7 @@ def test_files_rows_and_installation_are_in_the_key(
     ],
 )
 def test_what_does_not_tell_all_its_inputs_has_no_key(task: Any) -> None:
-    keys = _Keys("i")
+    keys = Keys("i")
     keys.note(TASK, "k")
     keys.note(replace(TASK, folder="raw/shard-00001", spool=LAYERS.spool), None)
     assert keys.of(task) is None

@@ -14,13 +14,15 @@ from branchdrive.cli.executor import add_executor_argument, executor_of
 from branchdrive.cli.formats.table import FORMATS, outputs, renderer
 from branchdrive.cli.links import add_link_arguments
 from branchdrive.cli.output import check_output
-from branchdrive.cli.place import folder, local, place
+from branchdrive.cli.place import local, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.contract.media import MEDIA_MODES
 from branchdrive.errors import UsageError
 
 SUMMARY = "check a dataset against the specification"
 ORDER = 80
+
+_CACHE_GIB = 16
 
 
 def at_least(low: int) -> Callable[[str], int]:
@@ -97,9 +99,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_link_arguments(reading)
     cache = parser.add_argument_group("what to take from earlier runs")
     cache.add_argument(
-        "--cache", metavar="FOLDER", type=folder,
+        "--cache", metavar="FOLDER|URL", type=place,
         help="take what an earlier run judged of equal files with this code, these libraries and options, and keep "
-        "what this one does; the folder is yours alone, and the report says how much was taken",
+        "what this one does; a folder is yours alone, a prefix of a bucket is for those that the bucket lets write "
+        "there (s3://BUCKET/PREFIX, extra `cloud`); the report says how much was taken",
     )  # fmt: skip
     cache.add_argument(
         "--recheck", metavar="SHARE", type=share, default=0.0,
@@ -107,8 +110,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "differs (default: 0)",
     )  # fmt: skip
     cache.add_argument(
-        "--cache-size", metavar="GIB", type=at_least(1), default=16,
-        help="size of the cache after the run, in GiB; what was not used for longest goes first (default: 16)",
+        "--trust-versions", action="store_true",
+        help="of a dataset in a bucket: let the ETag and time that are listed for an object stand for the bytes that "
+        "an earlier run read of it, and read no shard whose result is taken; the report says for how many",
+    )  # fmt: skip
+    cache.add_argument(
+        "--cache-size", metavar="GIB", type=at_least(1),
+        help="size of a cache in a folder after the run, in GiB; what was not used for longest goes first (default: "
+        f"{_CACHE_GIB}); a bucket has rules of its own for what is old",
     )  # fmt: skip
 
 
@@ -116,7 +125,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Validate and print the report; the exit code is the verdict's."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: each has one core
     from branchdrive.cli.text import render_report
-    from branchdrive.engine.cache import Cache
+    from branchdrive.engine.cache import Cache, is_url
     from branchdrive.engine.validate import validate
     from branchdrive.engine.waiver import load_waivers
     from branchdrive.formats.durable import replace_file
@@ -124,6 +133,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
 
     if args.recheck and args.cache is None:
         raise UsageError("`--recheck` judges again what is taken from a cache; name one with `--cache`")
+    if args.trust_versions and args.cache is None:
+        raise UsageError("`--trust-versions` is about what is taken from a cache; name one with `--cache`")
     written = outputs(args.output)
     for output in written:
         for root in (args.dataset, args.raw):
@@ -131,7 +142,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     waivers = load_waivers(args.waivers) if args.waivers else ()
     cache = None
     if args.cache is not None:
-        cache = Cache(args.cache, recheck=args.recheck, max_bytes=args.cache_size << 30)
+        if is_url(args.cache) and args.cache_size is not None:
+            raise UsageError("`--cache-size` bounds a folder; let a rule of the bucket remove what is old")
+        max_bytes = (args.cache_size or _CACHE_GIB) << 30
+        cache = Cache(args.cache, recheck=args.recheck, max_bytes=max_bytes, trust_versions=args.trust_versions)
     with ExitStack() as stack:
         root = stack.enter_context(snapshot(local(args.dataset, "--staging"))) if args.staging else args.dataset
         progress = stack.enter_context(progress_bar(stderr, "validating shards"))

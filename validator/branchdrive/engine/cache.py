@@ -1,38 +1,41 @@
 """What an earlier run found out, taken instead of being found out again: an executor around an executor.
 
-A result is kept under a digest of all that it depends on: the bytes of its files, the descriptor, rules, options and
-limits, what the rest of the dataset repeats, the code of this package with its schemas, and the libraries. So an entry
-never goes stale; it is only never asked for again. Workers look into the cache, and digest the files for that; what is
-kept is of the bytes that were judged, and of no task that failed, died, or met a file that cannot be read.
+A result is kept under a digest of all that it depends on. Workers look into the cache, and digest the files for that;
+what is kept is of the bytes that were judged, and of no task that failed, died, or met a file that cannot be read.
+No verdict waits for a cache: a process of which it has not answered one request asks no more in that run.
 
 Source: spec/07-rules.md#report.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
-
-from pydantic import BaseModel
+from typing import Any, TypeAlias
 
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import counted
-from branchdrive.engine.derived_rules import LayersResult, LayersTask
+from branchdrive.engine.cache_key import Keys, key_of, may_keep, shard_key
+from branchdrive.engine.derived_rules import LayersResult
 from branchdrive.engine.shard import ShardResult, ShardTask, spooled_name
-from branchdrive.engine.spool import Spool
 from branchdrive.engine.stored_result import from_bytes, to_bytes
-from branchdrive.errors import DatasetError, UsageError
-from branchdrive.formats.private_folder import DamagedError, PrivateFolder
+from branchdrive.errors import DatasetError, PlatformError, UsageError
+from branchdrive.formats.entry import DamagedError
+from branchdrive.formats.file_error import file_error_text
+from branchdrive.formats.private_folder import PrivateFolder
+from branchdrive.formats.private_prefix import PrivatePrefix
 from branchdrive.formats.store import digest_of, size_of
 from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.installation import installation_digest, own_version
 from branchdrive.statistics.random_words import uniforms, words
 
-__all__ = ["Cache", "CacheUse", "caching"]
+__all__ = ["Cache", "CacheUse", "Kept", "caching", "is_url", "open_kept"]
+
+Kept: TypeAlias = PrivateFolder | PrivatePrefix
+"""Where results are kept."""
 
 _STREAM = "cache/recheck/"
 """Streams of random words that say what is judged again: one for each entry, seeded with the day."""
@@ -43,9 +46,13 @@ class Cache:
     """Where results are kept, and how far they are believed.
 
     Attributes:
-        path: A folder of one's own, which is made where it is missing.
+        path: A folder of one's own, which is made where it is missing, or the URL of a prefix in a bucket (extra
+            `cloud`), where the bucket says who may write.
         recheck: Share of the results taken that are judged again.
-        max_bytes: What may lie there when a run is over; what was not used for longest goes first.
+        max_bytes: What may lie in a folder when a run is over; what was not used for longest goes first. A bucket has
+            rules of its own for what is old.
+        trust_versions: Whether the version of an object that a bucket lists stands for the bytes that an earlier run
+            read of it, so that shards whose result is taken are not read.
 
     Raises:
         UsageError: The share is none.
@@ -54,10 +61,26 @@ class Cache:
     path: Path | str
     recheck: float = 0.0
     max_bytes: int = 16 << 30
+    trust_versions: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.recheck <= 1:
             raise UsageError(f"`recheck` is {self.recheck!r}, not a share from 0 to 1")
+
+
+def is_url(path: Path | str) -> bool:
+    """Whether a cache is in a bucket."""
+    return "://" in str(path)
+
+
+def open_kept(cache: Cache) -> Kept:
+    """Where a cache keeps results.
+
+    Raises:
+        UsageError: It is no folder of this user alone, nor the URL of a bucket.
+        PlatformError: A library is missing.
+    """
+    return PrivatePrefix.at(str(cache.path)) if is_url(cache.path) else PrivateFolder.at(cache.path)
 
 
 @dataclass
@@ -66,18 +89,24 @@ class CacheUse:
 
     Attributes:
         shards: Folders of the shards that an earlier run judged.
+        by_version: Those of them whose files were not read, since the versions were those that an earlier run read.
         num_layer_tasks: Tasks on derived layers that one judged.
         versions: Versions of the validator that judged them.
         num_rechecked: How many of both were judged again.
         num_damaged: Entries that could not be read; what they held was judged again.
+        num_unasked: Tasks for which the cache could not be asked, or did not take what they gave.
+        fault: Why, the first time.
         differences: Entries that are not what judging again gives.
     """
 
     shards: set[str] = field(default_factory=set)
+    by_version: set[str] = field(default_factory=set)
     num_layer_tasks: int = 0
     versions: set[str] = field(default_factory=set)
     num_rechecked: int = 0
     num_damaged: int = 0
+    num_unasked: int = 0
+    fault: str = ""
     differences: list[str] = field(default_factory=list)
 
     def conditions(self, num_shards: int) -> Iterator[str]:
@@ -91,17 +120,26 @@ class CacheUse:
             again = f"; {self.num_rechecked:,} of these judged again" if self.num_rechecked else ""
             layers = f" and {counted(self.num_layer_tasks, 'task')} on derived layers" if self.num_layer_tasks else ""
             yield f"{len(self.shards)} of {counted(num_shards, 'shard')}{layers} {by}{again}"
+        if self.by_version:
+            yield (
+                f"the versions that the store lists stood for the bytes of {len(self.by_version)} of "
+                f"{counted(num_shards, 'shard')}, which were not read"
+            )
         if self.num_damaged:
             yield f"{counted(self.num_damaged, 'damaged file')} in the cache, whose tasks were judged again"
+        if self.num_unasked:
+            yield f"the cache did not serve {counted(self.num_unasked, 'task')}, judged without it: {self.fault}"
 
     def to_json(self) -> dict[str, Any]:
         """The use as the report schema has it."""
         return {
             "shards": len(self.shards),
+            "by_version": len(self.by_version),
             "layer_tasks": self.num_layer_tasks,
             "versions": sorted(self.versions),
             "rechecked": self.num_rechecked,
             "damaged": self.num_damaged,
+            "unasked": self.num_unasked,
         }
 
 
@@ -112,7 +150,9 @@ class _Task:
     Attributes:
         function: What gives the result.
         task: Of a shard, of derived layers, or another one.
-        folder: Where results are kept.
+        kept: Where results are kept.
+        run: Name of the run.
+        is_trusting: Whether versions of a bucket stand for bytes.
         recheck: Share of what is taken that is judged again.
         day: Seed of the draw of what is judged again.
         key: Digest of all that the result depends on beside files of a shard; ``None`` where that is not known.
@@ -120,7 +160,9 @@ class _Task:
 
     function: Callable[[Any], Any]
     task: Any
-    folder: PrivateFolder
+    kept: Kept
+    run: str
+    is_trusting: bool
     recheck: float
     day: int
     key: str | None
@@ -134,36 +176,42 @@ class _Outcome:
         result: The result.
         key: Its key; ``None`` where it may not be kept.
         version: Version of the validator that gave it in an earlier run; ``None`` if this run did.
+        is_by_version: Whether no file was read for it.
         is_damaged: Whether there was an entry that could not be read.
         is_rechecked: Whether there was one, and this run judged again.
         difference: How the two differ.
+        fault: Why the cache could not be asked, or took nothing.
     """
 
     result: Any
     key: str | None = None
     version: str | None = None
+    is_by_version: bool = False
     is_damaged: bool = False
     is_rechecked: bool = False
     difference: str | None = None
+    fault: str | None = None
 
 
-def caching(executor: Executor, folder: PrivateFolder, use: CacheUse, *, recheck: float, day: int) -> Executor:
+def caching(executor: Executor, cache: Cache, kept: Kept, use: CacheUse, *, day: int) -> Executor:
     """Executor that runs by another one what is not in the cache.
 
     Args:
-        executor: What runs tasks; where it does so on another machine, the cache may be missing there.
-        folder: Where results are kept.
+        executor: What runs tasks; where it does so on another machine, a folder may be missing there.
+        cache: How far results are believed.
+        kept: Where they are kept.
         use: Counts what was taken.
-        recheck: Share of what is taken that is judged again.
         day: Number of the day; on each, others are judged again.
     """
-    keys = _Keys(installation_digest())
+    keys, name = Keys(installation_digest()), os.urandom(16).hex()
 
     def run(function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
-        if not any(map(_may_keep, tasks)):
+        if not any(map(may_keep, tasks)):
             yield from executor(function, tasks)
             return
-        wrapped = [_Task(function, task, folder, recheck, day, keys.of(task)) for task in tasks]
+        wrapped = [
+            _Task(function, task, kept, name, cache.trust_versions, cache.recheck, day, keys.of(task)) for task in tasks
+        ]
         for index, outcome in executor(_judge_once, wrapped):
             if isinstance(outcome, _Outcome):
                 note(tasks[index], outcome)
@@ -175,116 +223,151 @@ def caching(executor: Executor, folder: PrivateFolder, use: CacheUse, *, recheck
         if isinstance(task, ShardTask):
             keys.note(task, outcome.key)
             use.shards.discard(task.folder)  # where it is judged once more, the last time counts
+            use.by_version.discard(task.folder)
             use.shards |= {task.folder} if outcome.version else set()
+            use.by_version |= {task.folder} if outcome.is_by_version else set()
         else:
             use.num_layer_tasks += outcome.version is not None
         use.versions |= {outcome.version} if outcome.version else set()
         use.num_rechecked += outcome.is_rechecked
         use.num_damaged += outcome.is_damaged
+        use.num_unasked += outcome.fault is not None
+        use.fault = use.fault or outcome.fault or ""
         use.differences += [outcome.difference] if outcome.difference else []
 
     return run
 
 
-def _may_keep(task: Any) -> bool:
-    """Whether a task is of a kind whose results are kept: parts of a post mortem are not."""
-    is_shard = isinstance(task, ShardTask) and task.descriptor is not None and task.is_hashed and bool(task.selected)
-    return is_shard or isinstance(task, LayersTask)
-
-
-class _Keys:
-    """Keys of tasks, as far as they do not depend on files.
-
-    Args:
-        installation: Digest of code and libraries.
-    """
-
-    def __init__(self, installation: str) -> None:
-        self._installation = installation
-        self._of_shards: dict[tuple[Spool | None, str], str | None] = {}
-        self._known: dict[int, tuple[Any, str]] = {}
-
-    def note(self, task: ShardTask, key: str | None) -> None:
-        """Learn the key of a shard; ``None`` where its result may not be kept."""
-        self._of_shards[task.spool, spooled_name(task.folder)] = key
-
-    def of(self, task: Any) -> str | None:
-        """Key of a task, as far as it is known here; ``None`` where its result is not kept."""
-        if not _may_keep(task):
-            return None
-        if isinstance(task, ShardTask):
-            about = self._plain(task, leave_out=("dataset", "files", "spool"))
-            return _digest({"about": about, "rows": task.spool is not None, "by": self._installation})
-        raw = [self._of_shards.get((task.spool, shard)) for shard in task.raw.shards]
-        if None in raw or not {*task.names} <= task.digests.keys():
-            return None
-        return _digest({"about": self._plain(task, leave_out=("spool",)), "rows": raw, "by": self._installation})
-
-    def _plain(self, value: Any, leave_out: Sequence[str] = ()) -> Any:
-        """A part of a task as JSON: equal for equal values, and different for others."""
-        if isinstance(value, BaseModel):  # one for all tasks
-            if id(value) not in self._known:
-                self._known[id(value)] = value, _digest(value.model_dump(mode="json"))
-            return self._known[id(value)][1]
-        if is_dataclass(value):
-            return {
-                one.name: self._plain(getattr(value, one.name)) for one in fields(value) if one.name not in leave_out
-            }
-        if isinstance(value, Mapping):
-            return [[key, self._plain(value[key])] for key in sorted(value)]
-        if isinstance(value, frozenset):
-            return sorted(value)
-        return value
-
-
-def _shard_key(about: str, digests: Mapping[str, str]) -> str:
-    """Key of a shard.
-
-    Args:
-        about: Its key as far as it does not depend on files.
-        digests: SHA-256 of each of its files, by path.
-    """
-    return _digest([about, sorted(digests.items())])
-
-
-def _digest(about: Any) -> str:
-    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
+_faults: dict[str, str] = {}
+"""Runs of which this process asks the cache no more, and why."""
 
 
 def _judge_once(once: _Task) -> _Outcome:
     """Result of a task: from the cache, or from its function and then kept."""
     task = once.task
-    key, digests = once.key, None
-    if key is not None and isinstance(task, ShardTask):
-        digests = _digests(task)
-        key = None if digests is None else _shard_key(key, digests)
-    if key is None:
-        return _Outcome(once.function(task))
-    folder, is_damaged, kept = once.folder, False, None
-    try:
-        content = folder.get(key)
-        kept = None if content is None else _kept(content, task)
-    except (DamagedError, ValueError):
-        is_damaged = True
-    is_drawn = kept is not None and _is_drawn(once, key)
-    if kept is not None and not is_drawn:
-        for name, frame in kept["rows"].items():
+    if once.key is None or once.run in _faults:
+        return _Outcome(once.function(task), fault=None if once.key is None else _faults[once.run])
+    found = _look(once)
+    key, entry = found.key, found.entry
+    if key is not None and entry is not None and not _is_drawn(once, key):
+        for name, frame in entry["rows"].items():
             task.spool.put(name, frame)
-        return _Outcome(kept["result"], key, kept["version"])
+        _keep_note(once, found)
+        return _Outcome(entry["result"], key, entry["version"], is_by_version=found.is_by_version)
     result = once.function(task)
-    if not _is_sound(result, digests):
-        return _Outcome(result, is_damaged=is_damaged)
+    outcome = _Outcome(result, is_damaged=found.is_damaged, fault=found.fault)
+    if found.is_by_version and (lie := _lie(once, found, result)):
+        return replace(outcome, difference=lie)
+    if key is None or not _is_sound(result, found.digests):
+        return outcome
     value = {"version": own_version(), "result": result, "rows": _rows(task, result)}
-    if kept is None:
-        folder.put(key, to_bytes(value))
-        return _Outcome(result, key, is_damaged=is_damaged)
-    parts = _differing(kept, value)
-    where = (
-        f"{task.folder if isinstance(task, ShardTask) else 'derived layers'}: entry {key} of the cache {folder.path}"
-    )
+    if entry is None:
+        fault = found.fault or _fault_of(once, lambda: once.kept.put(key, to_bytes(value)))
+        _keep_note(once, found)
+        return replace(outcome, key=key, fault=fault)
+    parts = _differing(entry, value)
+    where = f"{task.folder if isinstance(task, ShardTask) else 'derived layers'}: entry {key} of the cache {once.kept}"
     advice = "it differs from what judging again gives; remove it, and judge without a cache what rests on it"
     difference = f"{where} has other {', '.join(parts)}: {advice}" if parts else None
-    return _Outcome(result, key, kept["version"], is_rechecked=True, difference=difference)
+    return _Outcome(result, key, entry["version"], is_rechecked=True, difference=difference)
+
+
+@dataclass
+class _Found:
+    """What a cache has for a task.
+
+    Attributes:
+        key: Key of the result; ``None`` where it is not known.
+        digests: SHA-256 of each file of a shard.
+        note: Name of what says which digests the listed versions of these files have; ``None`` without trust in them.
+        is_by_version: Whether it said so, and no file was read.
+        entry: The entry under the key.
+        is_damaged: Whether something is there that cannot be read.
+        fault: Why the cache could not be asked.
+    """
+
+    key: str | None = None
+    digests: dict[str, str] | None = None
+    note: str | None = None
+    is_by_version: bool = False
+    entry: dict[str, Any] | None = None
+    is_damaged: bool = False
+    fault: str | None = None
+
+
+def _look(once: _Task) -> _Found:
+    """Look for the result of a task."""
+    task, found = once.task, _Found(once.key)
+    if isinstance(task, ShardTask) and once.key is not None:
+        found.note = _note_name(task) if once.is_trusting else None
+        if found.note is not None:
+            found.digests = _got(once, found, found.note, lambda content: _noted(content, task))
+            found.is_by_version = found.digests is not None
+        if found.fault is None and found.digests is None:
+            found.digests = _digests(task)
+        found.key = None if found.digests is None else shard_key(once.key, found.digests)
+    if found.key is not None:
+        found.entry = _got(once, found, found.key, lambda content: _kept(content, task))
+    return found
+
+
+def _got(once: _Task, found: _Found, name: str, read: Callable[[bytes], dict[str, Any]]) -> dict[str, Any] | None:
+    """What `read` makes of what is kept under a name; ``None``, and noted in `found`, where there is nothing sound."""
+    content: list[bytes | None] = []
+    try:
+        found.fault = _fault_of(once, lambda: content.append(once.kept.get(name)))
+        return read(content[0]) if content and content[0] is not None else None
+    except (DamagedError, ValueError):
+        found.is_damaged = True
+        return None
+
+
+def _fault_of(once: _Task, ask: Callable[[], None]) -> str | None:
+    """Ask something of a cache; why it could not be asked, after which this process asks no more of it in this run."""
+    try:
+        ask()
+    except (OSError, PlatformError) as error:
+        text = file_error_text(error) if isinstance(error, OSError) else str(error)
+        _faults[once.run] = text.partition(";")[0]
+        return _faults[once.run]
+    return None
+
+
+def _note_name(task: ShardTask) -> str | None:
+    """Name of what says which digests the listed versions of a shard's files have; ``None`` where there are none."""
+    versions = [task.dataset.lasting_version(path) for path in task.files]
+    return None if None in versions else key_of({"versions": versions})
+
+
+def _noted(content: bytes, task: ShardTask) -> dict[str, str]:
+    """Digests of a shard's files.
+
+    Raises:
+        ValueError: It holds none.
+    """
+    digests = json.loads(content)
+    if not isinstance(digests, dict) or digests.keys() != {*task.files}:
+        raise ValueError("no digests of these files")
+    return {path: str(digest) for path, digest in digests.items()}
+
+
+def _keep_note(once: _Task, found: _Found) -> None:
+    """Keep which digests the listed versions have, of files that this run has read in them."""
+    note = found.note
+    if note is not None and not found.is_by_version and once.run not in _faults:
+        content = json.dumps(found.digests, sort_keys=True).encode()
+        _fault_of(once, lambda: once.kept.put(note, content))
+
+
+def _lie(once: _Task, found: _Found, result: Any) -> str | None:
+    """What is wrong where files have other digests than their versions had; a file that cannot be read has none."""
+    others = [path for path, digest in (found.digests or {}).items() if result.digests.get(path, digest) != digest]
+    if not others:
+        return None
+    return (
+        f"{others[0]}: the store gives other bytes for one version than an earlier run read, by entry {found.note} of "
+        f"the cache {once.kept}; remove it, and validate without `trust_versions`"
+    )
 
 
 def _kept(content: bytes, task: Any) -> dict[str, Any]:

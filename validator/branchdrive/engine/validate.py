@@ -18,7 +18,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
-from branchdrive.engine.cache import Cache, CacheUse, caching
+from branchdrive.engine.cache import Cache, CacheUse, caching, is_url, open_kept
 from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
@@ -122,8 +122,8 @@ def validate(
     use = None if cache is None else CacheUse()
     if cache is not None and use is not None:
         _check_cache(cache, stores, strict, hash_files and "BD-LAY-002" in selected)
-        entries = PrivateFolder.at(cache.path)
-        executor = caching(executor, entries, use, recheck=cache.recheck, day=today.toordinal())
+        kept = open_kept(cache)
+        executor = caching(executor, cache, kept, use, day=today.toordinal())
     # Without the rule on digests, the rule on decoding checks a damaged table.
     survey = take_survey(folder, hash_files=hash_files and "BD-LAY-002" in selected)
     source = survey if raw is None else _raw_survey(survey, stores[1])
@@ -134,7 +134,8 @@ def validate(
     results, errors = reading.shards, reading.errors
     if cache is not None and use is not None:
         errors += use.differences
-        entries.prune(cache.max_bytes)
+        if isinstance(kept, PrivateFolder):
+            kept.prune(cache.max_bytes)
     read = reading.source if source is survey else survey
     whole = read.with_layers(reading.source.shards, derived.digests, derived.unreadable)
     tallies = _merge(whole, source.descriptor, results, selected, derived.tallies)
@@ -177,9 +178,14 @@ def _check_cache(cache: Cache, stores: Iterable[Store], strict: bool, is_hashed:
         raise UsageError(
             "a cache goes by the digests of files; compare them, and leave BD-LAY-002 in, or drop the cache"
         )
-    place = Path(cache.path).resolve()
     for store in stores:
-        if isinstance(store, Folder) and place.is_relative_to(store.root.resolve()):
+        if cache.trust_versions and not store.has_versions:
+            raise UsageError(f"only a bucket lists versions that can be trusted, and {str(store)!r} is none; drop that")
+        if is_url(cache.path):
+            is_inside = f"{str(cache.path).rstrip('/')}/".startswith(f"{str(store).rstrip('/')}/")
+        else:
+            is_inside = isinstance(store, Folder) and Path(cache.path).resolve().is_relative_to(store.root.resolve())
+        if is_inside:
             raise UsageError(f"the cache {str(cache.path)!r} lies inside the dataset {str(store)!r}; move it out")
 
 

@@ -5,6 +5,7 @@ A web server lists nothing: there, a dataset is what its manifest names.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +20,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, MANIFEST_FILE
 from branchdrive.contract.text import quote
 from branchdrive.errors import DatasetError, PlatformError, UsageError
 from branchdrive.formats.manifest import read_manifest
-from branchdrive.formats.object_client import check_process, check_url, connect, is_web, store_faults
+from branchdrive.formats.object_client import check_process, check_url, connect, endpoints, is_web, store_faults
 from branchdrive.formats.pinned import Pinned, PinnedStore, most_files
 from branchdrive.formats.ranged_file import RangedFile
 
@@ -73,12 +74,15 @@ class Bucket(PinnedStore):
         url: Of the prefix, without a slash at the end.
         client: An obstore store at the prefix, whose options then are its owner's; by default one is made from the
             URL and the environment where it is used.
+        listing_error: Why the keys could not be listed to the end.
+        is_brief: Whether the store is given up soon, for who can do without what it holds.
     """
 
     url: str
     versions: Mapping[str, Version] = field(compare=False, repr=False)
     client: ObjectStore | None = field(default=None, compare=False, repr=False)
     listing_error: str = ""
+    is_brief: bool = False
 
     @classmethod
     def open_url(cls, url: str) -> Bucket:
@@ -132,6 +136,19 @@ class Bucket(PinnedStore):
     def place(self, path: str) -> str:
         """URL of what is at a path."""
         return f"{self.url}/{path}" if path else self.url
+
+    @property
+    def has_versions(self) -> bool:
+        """Yes, where the URL and the environment alone say which bucket it is."""
+        return self.client is None and self.lists_all
+
+    def lasting_version(self, path: str) -> str | None:
+        """URL, path, size, ETag and time of the listed object; ``None`` where its ETag is none that can be trusted."""
+        found = self.versions.get(path)
+        if not self.has_versions or found is None or "if_match" not in found.condition or found.modified is None:
+            return None
+        written = found.modified.isoformat()
+        return json.dumps([*endpoints(), self.url, path, found.size, found.e_tag, written])
 
     def only(self, paths: Collection[str]) -> Bucket:
         """The bucket with the versions of these objects alone."""
@@ -228,22 +245,45 @@ class Bucket(PinnedStore):
             raise PlatformError(f"{self.place(path)}: {len(content)} bytes came where {stop - start} were asked for")
         return content
 
+    def get_now(self, path: str, max_bytes: int) -> tuple[Version, bytes] | None:
+        """An object as it is at this moment, by one request; ``None`` where there is none.
+
+        Args:
+            path: The object.
+            max_bytes: Of a larger one, no byte is read.
+
+        Raises:
+            PlatformError: The store refuses or fails.
+        """
+        import obstore
+        from obstore.exceptions import NotFoundError
+
+        try:
+            with self.faults(path):
+                answer = obstore.get(self.connection, path)
+                content = b"" if answer.meta["size"] > max_bytes else bytes(answer.bytes())
+                return _version(answer.meta), content
+        except (NotFoundError, FileNotFoundError):
+            return None
+
     def put_new(self, path: str, content: bytes) -> bool:
         """Write an object where there is none; returns whether there was none.
 
         A request whose answer was lost is sent again, and then finds what it has written itself.
 
         Raises:
-            PlatformError: The store refuses or fails.
+            PlatformError: The store refuses or fails, or there is no such bucket.
         """
         import obstore
-        from obstore.exceptions import AlreadyExistsError, PreconditionError
+        from obstore.exceptions import AlreadyExistsError, NotFoundError, PreconditionError
 
         try:
             with self.faults(path):
                 obstore.put(self.connection, path, content, mode="create", use_multipart=False)
         except (AlreadyExistsError, PreconditionError, FileExistsError):
             return False
+        except (NotFoundError, FileNotFoundError):
+            raise PlatformError(f"{self.place(path)}: there is no such bucket") from None
         return True
 
     def put_over(self, path: str, content: bytes, was: Version) -> bool:
@@ -308,7 +348,7 @@ class Bucket(PinnedStore):
         if self.client is not None:
             return self.client
         with self.faults(""):
-            return connect(self.url)
+            return connect(self.url, is_brief=self.is_brief)
 
     def faults(self, path: str) -> AbstractContextManager[None]:
         """Tell what a store does wrong at a path, or in listing, from what is wrong with a dataset."""

@@ -22,7 +22,10 @@ from branchdrive.errors import PlatformError, UsageError
 if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
-__all__ = ["RETRIES", "TIMEOUTS", "check_process", "check_url", "connect", "is_web", "store_faults"]
+__all__ = [
+    "BRIEF_RETRIES", "BRIEF_TIMEOUTS", "RETRIES", "TIMEOUTS", "check_process", "check_url", "connect",
+    "endpoints", "is_web", "store_faults",
+]  # fmt: skip
 
 RETRIES: dict[str, Any] = {
     "max_retries": 6,
@@ -38,6 +41,16 @@ TIMEOUTS: dict[str, Any] = {
 }
 """How long a server may be silent, and a request may take."""
 
+BRIEF_RETRIES: dict[str, Any] = {**RETRIES, "max_retries": 3, "retry_timeout": timedelta(seconds=10)}
+"""The same for what can be done without."""
+
+BRIEF_TIMEOUTS: dict[str, Any] = {
+    "connect_timeout": timedelta(seconds=3),
+    "read_timeout": timedelta(seconds=5),
+    "timeout": timedelta(minutes=1),
+}
+"""The same for what can be done without."""
+
 _SCHEMES = ("s3", "gs", "az", "https")
 _LOOPBACK = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?/")
 _SECRETS = re.compile(r"[@?#\s]")
@@ -51,6 +64,11 @@ _user: int | None = None
 def is_web(url: str) -> bool:
     """Whether a URL is of a web server, which lists nothing and takes nothing."""
     return url.startswith(("https://", "http://"))
+
+
+def endpoints() -> tuple[str | None, ...]:
+    """Servers that the environment names for buckets."""
+    return tuple(map(os.environ.get, _ENDPOINTS))
 
 
 def check_url(url: str) -> None:
@@ -88,17 +106,21 @@ def check_process() -> None:
 
 
 @lru_cache(maxsize=8)
-def connect(url: str) -> ObjectStore:
+def connect(url: str, *, is_brief: bool = False) -> ObjectStore:
     """A client of the store at a URL, with credentials of the environment; errors are obstore's.
 
     A process has one for each URL, whatever the number of its tasks: each finds its credentials and connects again.
+
+    Args:
+        url: The URL.
+        is_brief: Whether the store is given up soon.
     """
     from obstore.store import HTTPStore, from_url
 
-    is_plain = any(place.startswith("http://") for place in (url, *map(os.environ.get, _ENDPOINTS)) if place)
+    is_plain = any(place.startswith("http://") for place in (url, *endpoints()) if place)
     options: dict[str, Any] = {
-        "client_options": {**TIMEOUTS, **({"allow_http": True} if is_plain else {})},
-        "retry_config": RETRIES,
+        "client_options": {**(BRIEF_TIMEOUTS if is_brief else TIMEOUTS), **({"allow_http": True} if is_plain else {})},
+        "retry_config": BRIEF_RETRIES if is_brief else RETRIES,
     }
     if url.startswith("s3://"):
         # What is written is checked where it arrives; some stores know no request that removes many objects.

@@ -7,7 +7,6 @@ yet no value is believed: one that is damaged, cut off or another's is none.
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import stat
 import tempfile
@@ -16,31 +15,28 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from branchdrive.errors import UsageError
+from branchdrive.formats.entry import MAX_ENTRY_BYTES, DamagedError, sealed, unsealed
 from branchdrive.formats.file_error import machine_faults
 
-__all__ = ["DamagedError", "PrivateFolder"]
+__all__ = ["PrivateFolder"]
 
 _PRIVATE = 0o700
 _SUFFIX = ".entry"
 _PARTIAL = ".partial"
-_DIGEST_BYTES = hashlib.sha256().digest_size
-
-
-class DamagedError(Exception):
-    """What lies under a name is not what was put there."""
 
 
 @dataclass(frozen=True)
 class PrivateFolder:
     """A folder of values; it travels to workers.
 
-    Another place (a bucket) has to give and take bytes under a name, and to keep its size within a bound.
-
     Attributes:
         path: The folder.
     """
 
     path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
 
     @classmethod
     def at(cls, path: Path | str) -> PrivateFolder:
@@ -77,24 +73,24 @@ class PrivateFolder:
             return None
         except OSError as error:
             raise DamagedError(str(path)) from error
-        digest, value = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
-        if digest != _digest(name, value):
-            raise DamagedError(str(path))
-        return value
+        return unsealed(name, content)
 
     def put(self, name: str, value: bytes) -> None:
         """Keep a value; of several under one name, the last stays, and none takes the place of a folder.
 
         Raises:
+            OSError: Nothing can be written there.
             PlatformError: The machine is to blame, a full disk for example.
         """
+        content = sealed(name, value)
+        if content is None:
+            return
         with machine_faults(self.path):
             descriptor, partial = tempfile.mkstemp(_PARTIAL, dir=self.path)
             try:
                 # A power cut may leave a part of it, which its digest tells.
                 with os.fdopen(descriptor, "wb") as stream:
-                    stream.write(_digest(name, value))
-                    stream.write(value)
+                    stream.write(content)
                 with suppress(IsADirectoryError):
                     Path(partial).replace(self._path(name))
             finally:
@@ -122,7 +118,7 @@ class PrivateFolder:
 
 
 def _read(path: Path) -> bytes:
-    """Content of a regular file of this user, which counts as used now.
+    """Content of a regular file of this user, of a size that is kept; it counts as used now.
 
     Raises:
         OSError: It cannot be read, or is something else.
@@ -130,7 +126,8 @@ def _read(path: Path) -> bytes:
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
         status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+        is_own = stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
+        if not is_own or status.st_size > MAX_ENTRY_BYTES:
             raise PermissionError(errno.EACCES, "no regular file of this user", os.fspath(path))
         with suppress(OSError):
             os.utime(descriptor)
@@ -138,8 +135,3 @@ def _read(path: Path) -> bytes:
             return stream.read()
     finally:
         os.close(descriptor)
-
-
-def _digest(name: str, value: bytes) -> bytes:
-    """Digest of a value under its name, so that a renamed one is noticed."""
-    return hashlib.sha256(b"\0".join((name.encode(), value))).digest()

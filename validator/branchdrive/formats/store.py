@@ -116,6 +116,18 @@ class Store(ABC):
         """What tells an opened file from another under its name, and from itself after a change."""
         return ()
 
+    @property
+    def has_versions(self) -> bool:
+        """Whether this place is one of many that say of a listed file which version of it was listed."""
+        return False
+
+    def lasting_version(self, path: str) -> str | None:  # noqa: ARG002  (of most places, none is known)
+        """What tells the listed version of a file from every other one of any time, and from files of other places.
+
+        ``None`` where the place does not say so; it says nothing of what bytes the version has.
+        """
+        return None
+
     def only(self, paths: Collection[str]) -> Store:  # noqa: ARG002  (all are there, where none were listed)
         """The same place for who reads these files of it alone: what travels to a worker is no larger than its task."""
         return self
