@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.leakage.rank_correlation import centred_ranks, places_of, spearman
+from branchdrive.leakage.rank_correlation import centred_ranks, correlations, counts_of, places_of
 from branchdrive.leakage.structural import MAX_CORRELATION, TargetLeak
 
 __all__ = ["MAX_OUTCOME_CORRELATION", "SPEED", "num_alone", "outcome_codes", "revealed_outcomes"]
@@ -36,6 +37,9 @@ SPEED = "state speed_mps"
 
 _KNOWN_CORRELATION, _NUM_KNOWING = 0.99, 2
 """Correlation with an outcome, and how many other columns must reach it, by which the motion itself tells it."""
+
+_NUM_PLACES = 2
+"""Outcomes that are the place of an action; they come last."""
 
 _MIN_VALUES = 10
 """Distinct values below which a correlation says nothing."""
@@ -56,13 +60,13 @@ _MAX_PURE = 0.98
 """Share of groups whose place is the commonest of their category, from which the category is a code."""
 
 
-class _Outcome(NamedTuple):
-    """Something that the candidates of a group came to: its name, values and availability ``[groups]``."""
+class _Outcomes(NamedTuple):
+    """What the candidates of groups came to: names, values and availability ``[outcomes, groups]``, what are places."""
 
-    name: str
+    names: list[str]
     values: Array
     there: Mask
-    is_place: bool
+    is_place: Mask
 
 
 def revealed_outcomes(
@@ -90,18 +94,17 @@ def revealed_outcomes(
     known = examined if motion is None else _Ranked(*motion)
     found: dict[tuple[int, int], TargetLeak] = {}
     for target in range(targets.shape[2]):
-        for outcome in _outcomes(targets[..., target], available[..., target]):
-            there = outcome.there if outcome.is_place else _single(outcome.values, outcome.there)
-            if there.sum() < _MIN_RANKED or not _is_rich(outcome.values[there], outcome.is_place):
-                continue
-            rho = examined.correlation(outcome.values, there)
-            known_rho = rho if known is examined else known.correlation(outcome.values, there)
-            knowing = known.columns_of(np.abs(known_rho) > _KNOWN_CORRELATION)
-            bound = MAX_CORRELATION if outcome.is_place else max_correlation
-            for v in () if SPEED in knowing else np.flatnonzero(np.abs(rho) > bound).tolist():
+        outcomes = _rich(_outcomes(targets[..., target], available[..., target]))
+        rho = examined.correlations(outcomes)
+        bounds = np.where(outcomes.is_place, MAX_CORRELATION, max_correlation)
+        is_ranked = np.abs(rho) > bounds[:, None]
+        for row in np.flatnonzero(is_ranked.any(axis=1)).tolist():
+            name, there, is_place = outcomes.names[row], outcomes.there[row], outcomes.is_place[row]
+            knowing = known.knowing(_of_row(outcomes, row))
+            for v in () if SPEED in knowing else np.flatnonzero(is_ranked[row]).tolist():
                 is_known = len(knowing - {columns[v]}) >= _NUM_KNOWING
-                if not is_known and _is_rich(examined.places[v][there], outcome.is_place):
-                    how = f"a rank correlation of {rho[v]:.4f} with {outcome.name}"
+                if not is_known and _is_rich(examined.places[v][there], is_place):
+                    how = f"a rank correlation of {rho[row, v]:.4f} with {name}"
                     found.setdefault((target, v), TargetLeak(v, target, how))
     return list(found.values())
 
@@ -114,20 +117,33 @@ class _Ranked:
     """
 
     def __init__(self, variables: Array, columns: Sequence[str]) -> None:
-        self.places = places_of(variables)
-        self._columns = columns
-        self._there: bytes = b""
-        self._ranks: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros(0))
+        self._variables, self._columns = variables, columns
+        self._last: tuple[bytes, Array, Array] = b"", np.zeros((0, 0)), np.zeros(0)
 
-    def correlation(self, values: Array, there: Mask) -> Array:
-        """Rank correlation with the values ``[groups]`` of the groups that are `there`, ``[variables]``."""
-        if self._there != there.tobytes():
-            self._there, self._ranks = there.tobytes(), centred_ranks(self.places, there.astype(np.float64))
-        return spearman(*self._ranks, np.where(there, values, 0.0)[:, None], there[:, None])
+    @cached_property
+    def places(self) -> NDArray[np.int64]:
+        return places_of(self._variables)
 
-    def columns_of(self, marked: Mask) -> set[str]:
-        """Columns with a variable that is marked ``[variables]``."""
-        return {self._columns[v] for v in np.flatnonzero(marked).tolist()}
+    def correlations(self, outcomes: _Outcomes) -> Array:
+        """Rank correlations ``[outcomes, variables]`` over the groups that each outcome has."""
+        found = np.zeros((len(outcomes.names), self._variables.shape[1]))
+        there = outcomes.there.astype(np.float64)
+        ranks, spreads = centred_ranks(places_of(outcomes.values.T), there)
+        ranks *= there
+        rows_of: dict[bytes, list[int]] = {}
+        for row, own in enumerate(outcomes.there):
+            rows_of.setdefault(own.tobytes(), []).append(row)
+        for key, rows in rows_of.items():
+            weight = there[rows[0]]
+            if self._last[0] != key:
+                self._last = key, *centred_ranks(self.places, weight)
+            found[rows] = correlations(*self._last[1:], ranks[rows], spreads[rows], int(weight.sum()))
+        return found
+
+    def knowing(self, outcome: _Outcomes) -> set[str]:
+        """Columns with a variable from whose motion an outcome follows."""
+        (rho,) = self.correlations(outcome)
+        return {self._columns[v] for v in np.flatnonzero(np.abs(rho) > _KNOWN_CORRELATION).tolist()}
 
 
 def outcome_codes(categories: Sequence[str], targets: Array, available: Mask) -> list[tuple[int, str]]:
@@ -141,9 +157,11 @@ def outcome_codes(categories: Sequence[str], targets: Array, available: Mask) ->
     found: dict[int, str] = {}
     names = np.asarray(categories, np.str_)
     for target in range(targets.shape[2]):
-        for outcome in _outcomes(targets[..., target], available[..., target]):
-            if outcome.is_place and (how := _agreement(names[outcome.there], outcome.values[outcome.there])):
-                found.setdefault(target, f"{how} {outcome.name}")
+        outcomes = _outcomes(targets[..., target], available[..., target])
+        for row in np.flatnonzero(outcomes.is_place).tolist():
+            there = outcomes.there[row]
+            if how := _agreement(names[there], outcomes.values[row, there]):
+                found.setdefault(target, f"{how} {outcomes.names[row]}")
     return list(found.items())
 
 
@@ -166,34 +184,43 @@ def num_alone(categories: Sequence[str]) -> int:
     return sum(count == 1 for count in Counter(categories).values())
 
 
-def _outcomes(values: Array, there: Mask) -> list[_Outcome]:
+def _outcomes(values: Array, there: Mask) -> _Outcomes:
     """Outcomes of one target ``[groups, actions]``: of every action, and of all that are available in a group."""
-    found = [
-        _Outcome(f"the value, at action {action},", values[:, action], there[:, action], False)
-        for action in range(values.shape[1])
-    ]
-    anywhere: Mask = np.asarray(there.any(axis=1))
+    num_actions = values.shape[1]
+    anywhere = np.asarray(there.any(axis=1))
     count = np.maximum(there.sum(axis=1), 1)
     low, high = np.where(there, values, np.inf), np.where(there, values, -np.inf)
     of_all = {
         "the least value": low.min(axis=1),
         "the mean value": np.where(there, values, 0.0).sum(axis=1) / count,
         "the largest value": high.max(axis=1),
+        "the place of the least value": low.argmin(axis=1),
+        "the place of the largest value": high.argmax(axis=1),
     }
-    found += [_Outcome(name, y, anywhere, False) for name, y in of_all.items()]
-    places = {"the place of the least value": low.argmin(axis=1), "the place of the largest value": high.argmax(axis=1)}
-    for name, y in places.items():
-        found.append(_Outcome(name, y.astype(np.float64), anywhere, True))
-    return found
+    names = [*(f"the value, at action {action}," for action in range(num_actions)), *of_all]
+    return _Outcomes(
+        names,
+        np.stack([*values.T, *of_all.values()]),
+        np.stack([*there.T, *(anywhere for _ in of_all)]),
+        np.arange(len(names)) >= len(names) - _NUM_PLACES,
+    )
 
 
-def _single(values: Array, there: Mask) -> Mask:
-    """Groups whose value no other group has: noise on a copy orders equal ones at random."""
-    own = np.flatnonzero(there)
-    _, place, count = np.unique(values[own], return_inverse=True, return_counts=True)
-    single = np.zeros(len(values), np.bool_)
-    single[own[count[place] == 1]] = True
-    return single
+def _of_row(outcomes: _Outcomes, row: int) -> _Outcomes:
+    return _Outcomes([outcomes.names[row]], outcomes.values[[row]], outcomes.there[[row]], outcomes.is_place[[row]])
+
+
+def _rich(outcomes: _Outcomes) -> _Outcomes:
+    """Those with enough groups, and enough distinct values for a correlation to say something.
+
+    Values that groups share are left out of what is no place: noise on a copy orders equal ones at random.
+    """
+    values = np.where(outcomes.there, outcomes.values, 0.0)
+    counts, own = counts_of(places_of(values.T), outcomes.there.astype(np.float64))
+    there = outcomes.there & ((own == 1) | outcomes.is_place[:, None])
+    is_rich = np.where(outcomes.is_place, (counts >= _MIN_COMMON).sum(axis=1) >= _MIN_COMMON, True)
+    kept = np.flatnonzero(is_rich & (there.sum(axis=1) >= _MIN_RANKED))
+    return _Outcomes([outcomes.names[row] for row in kept], values[kept], there[kept], outcomes.is_place[kept])
 
 
 def _is_rich(values: NDArray[np.generic], is_place: bool) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["centred_ranks", "places_of", "spearman"]
+__all__ = ["centred_ranks", "correlations", "counts_of", "places_of", "spearman"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -19,6 +19,9 @@ Mask = NDArray[np.bool_]
 
 _RANKS_AT_ONCE = 1 << 20
 """Ranks that are computed at once: 8 MiB per intermediate array."""
+
+_EXACT = 2.0**53
+"""Whole numbers up to which sums of them are exact."""
 
 
 def spearman(ranks: Array, spreads: Array, y: Array, there: Mask) -> Array:
@@ -30,25 +33,61 @@ def spearman(ranks: Array, spreads: Array, y: Array, there: Mask) -> Array:
         y: Values of a target ``[groups, actions]``.
         there: Where they are available ``[groups, actions]``.
     """
-    values = y[there]
-    if len(values) < 2:
-        return np.zeros(len(ranks))
-    centred = np.zeros(y.shape)
-    (own,) = _mean_ranks(np.unique(values, return_inverse=True)[1][None], np.ones(len(values)))
-    centred[there] = own - own.mean()
-    spread = spreads * np.sqrt(np.square(centred).sum())
-    shared = (ranks * centred.sum(axis=1)).sum(axis=1)
-    return np.asarray(np.divide(shared, spread, out=np.zeros(len(ranks)), where=spread > 0))
+    own, spread = centred_ranks(places_of(y.reshape(-1, 1)), there.reshape(-1).astype(np.float64))
+    centred = np.where(there, own.reshape(there.shape), 0.0)
+    return correlations(ranks, spreads, centred.sum(axis=1)[None], spread, int(there.sum()))[0]
+
+
+def correlations(ranks: Array, spreads: Array, others: Array, other_spreads: Array, total: int) -> Array:
+    """Rank correlation of every variable with other ones ``[others, variables]``, 0 where one of both is constant.
+
+    Centred ranks are halves of whole numbers, so that sums over not too many groups are exact in any order.
+
+    Args:
+        ranks: Centred ranks of the variables ``[variables, groups]``.
+        spreads: Their spreads ``[variables]``.
+        others: Centred ranks of others, or sums of them, 0 where a group has no value ``[others, groups]``.
+        other_spreads: Their spreads ``[others]``.
+        total: How often all groups count together.
+    """
+    at_once = max(1, int(_EXACT / (max(total, 1) * max(4 * np.abs(others).max(initial=1), 1))))
+    shared = np.zeros((len(others), len(ranks)))
+    for start in range(0, ranks.shape[1], at_once):
+        shared += others[:, start : start + at_once] @ ranks[:, start : start + at_once].T
+    spread = other_spreads[:, None] * spreads
+    return np.divide(shared, spread, out=np.zeros(spread.shape), where=spread > 0)
 
 
 def places_of(variables: Array) -> Index:
-    """Place of each group among the distinct values of a variable ``[variables, groups]``.
+    """Place of each group among the distinct values of a variable ``[variables, groups]``; NaN are one value.
 
     Args:
         variables: ``[groups, variables]``.
     """
-    places = [np.unique(values, return_inverse=True)[1] for values in variables.T]
-    return np.array(places, np.int64).reshape(variables.shape[::-1])
+    places = np.zeros(variables.shape[::-1], np.int64)
+    at_once = max(1, _RANKS_AT_ONCE // max(1, len(variables)))
+    for start in range(0, len(places), at_once):
+        values = np.ascontiguousarray(variables[:, start : start + at_once].T)
+        order = np.argsort(values, axis=1)
+        ordered = np.take_along_axis(values, order, axis=1)
+        is_next = (ordered[:, 1:] != ordered[:, :-1]) & ~np.isnan(ordered[:, :-1])
+        place = np.zeros(values.shape, np.int64)
+        np.cumsum(is_next, axis=1, out=place[:, 1:])
+        np.put_along_axis(places[start : start + at_once], order, place, axis=1)
+    return places
+
+
+def counts_of(places: Index, weight: Array) -> tuple[Array, Array]:
+    """How often each place counts ``[variables, places]``, and that of each group ``[variables, groups]``.
+
+    Args:
+        places: Of every variable, the place of each group among the distinct values ``[variables, groups]``.
+        weight: How often each group counts ``[groups]`` or ``[variables, groups]``.
+    """
+    num_places = places.max(initial=-1) + 1
+    cells = places + num_places * np.arange(len(places))[:, None]
+    mass = np.bincount(cells.ravel(), np.broadcast_to(weight, cells.shape).ravel(), len(places) * num_places)
+    return mass.reshape(len(places), num_places), mass[cells]
 
 
 def centred_ranks(places: Index, weight: Array) -> tuple[Array, Array]:
@@ -56,21 +95,20 @@ def centred_ranks(places: Index, weight: Array) -> tuple[Array, Array]:
 
     Args:
         places: Of every variable, the place of each group among the distinct values ``[variables, groups]``.
-        weight: How often each group counts ``[groups]``.
+        weight: How often each group counts ``[groups]`` or ``[variables, groups]``.
     """
-    at_once = max(1, _RANKS_AT_ONCE // max(1, len(weight)))
-    parts = [_mean_ranks(places[start : start + at_once], weight) for start in range(0, len(places), at_once)]
-    ranks = np.concatenate([np.zeros((0, len(weight))), *parts])
-    total = weight.sum()
-    if total > 0:
-        ranks -= (ranks * weight).sum(axis=1, keepdims=True) / total
+    weight = np.broadcast_to(weight, places.shape)
+    ranks = np.empty(places.shape)
+    at_once = max(1, _RANKS_AT_ONCE // max(1, places.shape[1]))
+    for start in range(0, len(places), at_once):
+        part = slice(start, start + at_once)
+        ranks[part] = _mean_ranks(places[part], weight[part])
+    ranks -= (ranks * weight).sum(axis=1, keepdims=True) / np.maximum(weight.sum(axis=1, keepdims=True), 1)
     return ranks, np.sqrt((weight * np.square(ranks)).sum(axis=1))
 
 
 def _mean_ranks(places: Index, weight: Array) -> Array:
     """Mean ranks of values of variables, which count `weight` times, by their places ``[variables, groups]``."""
-    num_places = places.max(initial=-1) + 1
-    cells = (places + num_places * np.arange(len(places))[:, None]).ravel()
-    mass = np.bincount(cells, np.tile(weight, len(places)), len(places) * num_places).reshape(len(places), num_places)
+    mass, _ = counts_of(places, weight)
     mean_ranks = np.cumsum(mass, axis=1) - mass + (mass + 1) / 2
-    return np.asarray(mean_ranks.ravel()[cells].reshape(places.shape))
+    return np.take_along_axis(mean_ranks, places, axis=1)
