@@ -34,7 +34,7 @@ _CACHED = ("*.nbi", "*.nbc")
 
 
 def _load_numba() -> Any:
-    """numba without the current folder: no file of a dataset may configure it, name its cache or break its import.
+    """Load numba without the current folder: no file of a dataset may configure it, name its cache or break its import.
 
     It reads ``.numba_config.yaml`` when it is loaded and whenever it compiles, and unpickles cached kernels from a
     folder that this file may name; without a reader of YAML it does not look for one.
