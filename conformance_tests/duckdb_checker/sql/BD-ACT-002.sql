@@ -12,6 +12,11 @@ with beginning as (
     from beginning
     group by run, rollout_id, group_id, tick, x_m, y_m, yaw_rad, length_m, width_m
     having count(*) > 1
+    union all
+    select b.rollout_id, b.group_id, b.tick, greatest(b.actor_id, o.actor_id), 'actor_id'
+    from beginning b join beginning o using (run, tick, actor_class)
+    where b.tick = b.begin_tick and b.actor_id <> o.actor_id and abs(b.x_m - o.x_m) <= $body_m and abs(b.y_m - o.y_m) <= $body_m
+        and abs(b.length_m::double - o.length_m) <= $body_m and abs(b.width_m::double - o.width_m) <= $body_m
 )
 select rollout_id, group_id, 'actors' as "table", first("column" order by tick, actor_id) as "column",
     min(tick) as tick, first(actor_id order by tick, actor_id) as actor_id

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "BEFORE_BRANCH", "MIN_EFFECT_M", "MIN_EFFECT_MPS", "NO_RESPONSE", "Responses", "Sights", "first_response",
-    "lateral_effect_m",
+    "BEFORE_BRANCH", "CLEAR_COMMAND", "CLEAR_EFFECT_M", "MIN_BRAKING", "MIN_COMMAND", "MIN_EFFECT_M", "MIN_EFFECT_MPS",
+    "NO_RESPONSE", "Responses", "Sights", "first_response", "lateral_effect_m",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ MIN_EFFECT_MPS = 0.1
 
 CLEAR_COMMAND = 0.08
 CLEAR_EFFECT_M = 0.3
-"""Steering and lateral effect from which a single intervention has a side: twice and three times those of many."""
+"""Steering and lateral effect from which single candidates have sides: twice and three times those of many."""
 
 MIN_EFFECT_MPS2 = 2.0
 """Change of an acceleration that no noise of replays explains in nine of ten interventions."""
@@ -170,12 +170,6 @@ class Responses:
     def steering(self) -> Array:
         """Agreement of steering and lateral effect: 1, -1, or 0 where either is small or the drive differs too."""
         return _agreement(-self.steer, self.drive, self.lateral_m, MIN_EFFECT_M)
-
-    @property
-    def shows_steering(self) -> NDArray[np.bool_]:
-        """Interventions that alone steer otherwise than the nominal, clearly, and end clearly beside it."""
-        steers = (np.abs(self.steer) >= CLEAR_COMMAND) & (np.abs(self.lateral_m) >= CLEAR_EFFECT_M)
-        return np.asarray(steers & (self.steering != 0))
 
     @property
     def driving(self) -> Array:

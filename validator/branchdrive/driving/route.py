@@ -85,6 +85,9 @@ class Polylines:
 
     Args:
         polylines: Vertices x and y of each, at least two, no two neighbours equal.
+
+    Attributes:
+        length_m: How long each is ``[polylines]``.
     """
 
     def __init__(self, polylines: Sequence[tuple[Array, Array]]) -> None:
@@ -100,6 +103,7 @@ class Polylines:
         self._arc = np.concatenate(
             [np.append(0.0, np.cumsum(part)[:-1]) for part in _split(self._length, num_segments)]
         )
+        self.length_m = np.add.reduceat(self._length, first_segment)
 
         self._num_blocks = -(-num_segments // _BLOCK_SEGMENTS)
         self._first_block = np.cumsum(self._num_blocks) - self._num_blocks

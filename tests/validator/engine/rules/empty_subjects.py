@@ -63,9 +63,9 @@ def empties(*areas: str, base: Base = "full") -> Callable[[Edit], Edit]:
 
 OF_ATTEMPTS = (
     "TIC 001 002 003", "CTL 001 002 003 004 005 006 007 008 009 010 011 012 013 014 015", "WIN 001 002 003 004 005",
-    "EVD 001 002 003", "RTE 001 002 003", "MOT 001 002 003 004 005 006", "ACT 001 002 003 004 005 006 007",
-    "TRG 001 002 003", "BOX 002", "RES 001 002 004 005 006", "BNK 002", "GRP 001 002 003 004 005 006 007 008 009 010",
-    "RSP 001 002 003 004 006 010 015", "RPN 001 002 003 005",
+    "EVD 001 002 003", "RTE 001 002 003 004", "MOT 001 002 003 004 005 006", "ACT 001 002 003 004 005 006 007",
+    "TRG 001 002 003", "BOX 002", "RES 001 002 004 005 006", "BNK 002",
+    "GRP 001 002 003 004 005 006 007 008 009 010 011", "RSP 001 002 003 004 006 010 015", "RPN 001 002 003 005",
 )  # fmt: skip
 """Rules on attempts that are complete, and on the groups of these."""
 
@@ -111,8 +111,8 @@ def nobody_is_complete_on_a_map(d: Draft) -> None:
 
 
 @empties(
-    "KEY 005", "CTL 001 002 003 004 005 006 007 008 010 012", "BNK 002", "GRP 001 002 003 004 005 006 007 008 009 010",
-    "RSP 001 002 003 004 010 015", "RPN 001 002 003 005",
+    "KEY 005", "CTL 001 002 003 004 005 006 007 008 010 012", "BNK 002",
+    "GRP 001 002 003 004 005 006 007 008 009 010 011", "RSP 001 002 003 004 010 015", "RPN 001 002 003 005",
 )  # fmt: skip
 def nominals_are_alone(d: Draft) -> None:
     for rollout_id in d.take("rollouts", role=["intervention", "nominal_replay"])["rollout_id"].to_pylist():
@@ -147,7 +147,7 @@ def controls_are_lost(d: Draft) -> None:
 
 
 @empties(
-    "RTE 001 002 003", "MOT 001 002 003", "RES 001 002 004 005 006", "WIN 005 006", "EVD 001 002 003",
+    "RTE 001 002 003 004", "MOT 001 002 003", "RES 001 002 004 005 006", "WIN 005 006", "EVD 001 002 003",
     "ACT 001 002 003 004 005", "RPN 001 002 003 005", "FRM 003 006 010 011", base="media",
 )  # fmt: skip
 def observations_are_lost(d: Draft) -> None:
@@ -212,7 +212,7 @@ def nobody_is_in_contact(d: Draft) -> None:
     d.set("evidence", "collision", False)
 
 
-@empties("GRP 009", "RSP 002 010")
+@empties("GRP 009 011", "RSP 002 010")
 def every_vehicle_stands(d: Draft) -> None:
     d.set("observations", "speed_mps", 0.0)
 

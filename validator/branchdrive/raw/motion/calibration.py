@@ -42,7 +42,7 @@ from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.motion.tracks import actor_steps
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "calibration", "calibration_between_contacts"]
+__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "calibration", "calibration_between_contacts", "wrong_of_one"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -168,6 +168,9 @@ OF_VEHICLE = {
 """What is calibrated of the vehicle that the descriptor declares."""
 
 
+_SLOPES = ("yaw_rate", "longitudinal", "lateral", "steering", "pivot")
+"""Quantities of regressions, in which a step weighs by its square: one of a skid or a blow may weigh more than all."""
+
 _ANGLES = ("heading", "actor_heading")
 """Quantities that are the angle of two sums, in degrees; others are their ratio."""
 
@@ -217,7 +220,8 @@ def calibration(view: ShardView) -> dict[str, Array]:
 def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
     """The same between contacts: of all observations that none keeps from being judged, and of those from ``t_b`` on.
 
-    Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there.
+    Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there. A slope that is not right
+    of one attempt is that without the step of the greatest weight: one step alone makes none wrong.
     """
     return view.cached(_calibrations)[1]
 
@@ -241,12 +245,39 @@ def _of_terms(view: ShardView, terms: dict[str, _Terms]) -> tuple[dict[str, Arra
         between = _steps_between(free & np.append(touched, False)[observations.rollout])
         found = {name: np.where(touched, _values(view, name, terms[name], between), found[name]) for name in found}
     is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
-    between = _steps_between(free & is_after & np.append(view.branched, False)[observations.rollout])
+    after = free & is_after & np.append(view.branched, False)[observations.rollout]
+    spans = [_steps_between(counts) for counts in (free, after)]
     nothing = np.full(view.num_rollouts, np.nan)
-    after: dict[str, Array] = {
-        name: _values(view, name, terms[name], between) for name in ("yaw_rate", "lateral") if name in terms
+    turns: dict[str, Array] = {
+        name: _values(view, name, terms[name], spans[1]) for name in ("yaw_rate", "lateral") if name in terms
     }
-    return every, {name: np.stack([values, after.get(name, nothing)]) for name, values in found.items()}
+    pairs = {name: np.stack([values, turns.get(name, nothing)]) for name, values in found.items()}
+    for name in _SLOPES:
+        if name in pairs:
+            for values, span, wrong in zip(pairs[name], spans, wrong_of_one(name, pairs[name]), strict=True):
+                if wrong.any():
+                    values[wrong] = _values(view, name, _without_weightiest(view, terms[name], span, wrong))[wrong]
+    return every, pairs
+
+
+def _without_weightiest(view: ShardView, terms: _Terms, counts: Mask, attempts: Mask) -> _Terms:
+    """Terms of the steps that count in attempts, but for the one of the greatest weight in each."""
+    row, above, below = terms
+    own = view.observations.rollout
+    chosen = np.flatnonzero(counts[row] & np.append(attempts, False)[own[row]])
+    order = chosen[np.lexsort((below[chosen], own[row[chosen]]))]
+    owner = own[row[order]]
+    kept = order[np.append(owner[1:] == owner[:-1], False)[: len(owner)]]
+    return _Terms(row[kept], above[kept], below[kept])
+
+
+def wrong_of_one(name: str, values: Array) -> Mask:
+    """Where values of a quantity between contacts are none that is right of one attempt ``[2, rollouts]``.
+
+    From the branch on there are few observations, over which a turn may begin or end: there only the sign tells.
+    """
+    least, most = QUANTITIES[name].of_one or (-np.inf, np.inf)
+    return np.asarray((values < np.array([[least], [-least]])) | (values > most))
 
 
 def _steps_between(counts: Mask) -> Mask:

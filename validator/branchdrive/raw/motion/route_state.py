@@ -18,8 +18,8 @@ from branchdrive.driving.route import Polylines
 from branchdrive.raw.shard_view import ShardView
 
 __all__ = [
-    "Routes", "contradicts_route", "distinct_routes", "has_judged_rows", "last_progress_m", "misplaces_target_points",
-    "routes",
+    "Routes", "TargetProgress", "contradicts_route", "distinct_routes", "has_judged_rows", "last_progress_m",
+    "misplaces_target_points", "route_tolerance_m", "routes", "target_progress",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -105,7 +105,8 @@ def _rows_by_route(view: ShardView) -> Iterator[tuple[Polylines, Index, Index]]:
         yield Polylines([lines.polylines[i] for i in used[first:stop]]), rows[here], place[here] - first
 
 
-def _tolerance_m(size_m: Array) -> Array:
+def route_tolerance_m(size_m: Array) -> Array:
+    """How far a recorded position of the route may be off, by its size."""
     return np.asarray(physical_bounds().route_tolerance_m + _ROUNDING * np.abs(size_m))
 
 
@@ -118,7 +119,7 @@ def contradicts_route(view: ShardView) -> Mask:
     )
     bounds, contradicts = physical_bounds(), np.zeros(len(observations), bool)
     for polylines, rows, polyline in _rows_by_route(view):
-        reach = np.abs(offset[rows]) + 2 * _tolerance_m(offset[rows])
+        reach = np.abs(offset[rows]) + 2 * route_tolerance_m(offset[rows])
         point, foot = polylines.feet_within(x[rows], y[rows], polyline, reach)
         distance = np.abs(foot.offset_m)
         nearest = np.full(len(rows), np.inf)
@@ -126,8 +127,8 @@ def contradicts_route(view: ShardView) -> Mask:
         row = rows[point]
         fits = (
             (distance <= nearest[point] + bounds.route_tolerance_m)
-            & (np.abs(foot.progress_m - progress[row]) <= _tolerance_m(foot.progress_m))
-            & (np.abs(foot.offset_m - offset[row]) <= _tolerance_m(foot.offset_m))
+            & (np.abs(foot.progress_m - progress[row]) <= route_tolerance_m(foot.progress_m))
+            & (np.abs(foot.offset_m - offset[row]) <= route_tolerance_m(foot.offset_m))
             & (np.abs(wrap_rad(yaw[row] - foot.heading_rad - error[row])) <= bounds.route_tolerance_rad)
         )
         contradicts[rows] = True
@@ -137,14 +138,26 @@ def contradicts_route(view: ShardView) -> Mask:
     return contradicts
 
 
-def misplaces_target_points(view: ShardView) -> Mask:
-    """Observations of the windows whose first target point is not on the route ahead, or the second not after it."""
+class TargetProgress(NamedTuple):
+    """Where on their polyline the target points of observations may lie, each field ``[2, observations]``.
+
+    Attributes:
+        least_m: Smallest progress that has the point ahead of the ego, or of the first one, ``inf`` where none has.
+        most_m: Largest progress that has the point, ``-inf`` where none has.
+    """
+
+    least_m: Array
+    most_m: Array
+
+
+def target_progress(view: ShardView) -> TargetProgress:
+    """Progress of target points of the windows; other observations have ``inf`` and ``-inf``."""
     observations = view.observations
     x, y, yaw, progress = (
         observations[name].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad", "route_progress_m")
     )
     points = [[observations[f"target_point_{number}_{axis}_m"] for number in (1, 2)] for axis in ("x", "y")]
-    misplaces = np.zeros(len(observations), bool)
+    least_m, most_m = (np.full((2, len(observations)), value) for value in (np.inf, -np.inf))
     for polylines, rows, polyline in _rows_by_route(view):
         ahead, left = (np.concatenate([values[rows] for values in axis]).astype(np.float64) for axis in points)
         cos, sin = (np.tile(turn(yaw[rows]), 2) for turn in (np.cos, np.sin))
@@ -152,17 +165,30 @@ def misplaces_target_points(view: ShardView) -> Mask:
             np.tile(x[rows], 2) + cos * ahead - sin * left,
             np.tile(y[rows], 2) + sin * ahead + cos * left,
         )
-        reach = _tolerance_m(np.hypot(ahead, left))
+        reach = route_tolerance_m(np.hypot(ahead, left))
         point, foot = polylines.feet_within(target_x, target_y, np.tile(polyline, 2), reach)
         number, point = np.divmod(point, len(rows))
-        least = progress[rows]
+        end_m = polylines.length_m[polyline][point]
+        is_last = foot.progress_m >= end_m - route_tolerance_m(end_m)
+        from_m = progress[rows] - route_tolerance_m(progress[rows])
         for which in (0, 1):
-            is_ahead = (number == which) & (foot.progress_m >= (least - _tolerance_m(least))[point])
-            least = np.full(len(rows), np.inf)
+            is_ahead = (number == which) & ((foot.progress_m >= from_m[point]) | (is_last & (which == 1)))
+            least, most = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
             np.minimum.at(least, point[is_ahead], foot.progress_m[is_ahead])
-        misplaces[rows] = ~np.isfinite(least)
+            np.maximum.at(most, point[number == which], foot.progress_m[number == which])
+            least_m[which, rows], most_m[which, rows] = least, most
+            from_m = least + route_tolerance_m(least)
     rows, same = view.cached(_judged_rows)
-    misplaces[rows] = misplaces[same]
+    for values in (least_m, most_m):
+        values[:, rows] = values[:, same]
+    return TargetProgress(least_m, most_m)
+
+
+def misplaces_target_points(view: ShardView) -> Mask:
+    """Observations of the windows whose first target point is not on the route ahead, or the second not behind it."""
+    rows, _ = view.cached(_judged_rows)
+    misplaces = np.zeros(len(view.observations), bool)
+    misplaces[rows] = ~np.isfinite(view.cached(target_progress).least_m[:, rows]).all(axis=0)
     return misplaces
 
 

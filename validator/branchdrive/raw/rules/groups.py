@@ -16,7 +16,7 @@ from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.raw.canonical_choice import Selection
-from branchdrive.raw.motion.contact import touches
+from branchdrive.raw.motion.candidates import Contrary, drives_contrary, steers_contrary
 from branchdrive.raw.motion.response import group_digests, responses
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import TableView
@@ -170,31 +170,46 @@ def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, s
     yield Check.of_subjects(subjects, subjects & np.array([len(policies) > 0 for policies in found], bool), describe)
 
 
-@rule("BD-GRP-010")
-def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
-    """No candidate without a contact ends to the left of its nominal where it alone steers to the right, or reverse."""
-    _, every = responses(view, selection, np.zeros(view.num_rollouts, bool))
-    digests = view.cached(group_digests)
-    order = np.argsort(digests)
-    group = order[np.searchsorted(digests, every.group, sorter=order)]
-    own = selection.chosen[group, every.policy]
-    touched = view.observations.by_rollout(view.cached(touches)).any
-    counts = every.shows_steering & ~touched[own] & ~touched[selection.nominal[group]]
-    contrary = counts & (every.steering < 0)
-    compared, wrong = (np.bincount(group[rows], minlength=len(digests)) > 0 for rows in (counts, contrary))
+def _ordered(
+    view: ShardView, subjects: Mask, found: Contrary, text: Callable[[str, str, float], tuple[str, str]]
+) -> Check:
+    """Check of groups in which no two candidates end contrary to a command; the widest pair of each is told."""
+    keys = view.descriptor.action_bank.keys
+    widest = dict(zip(found.group[order := np.argsort(found.away_m, kind="stable")].tolist(), order, strict=True))
+    num_pairs = np.bincount(found.group, minlength=len(view.group_ids))
 
     def describe(g: int) -> Mismatch:
-        rows = np.flatnonzero(contrary & (group == g))
-        keys = ", ".join(view.descriptor.action_bank.keys[policy] for policy in every.policy[rows])
-        side = "right" if every.steer[rows[0]] > 0 else "left"
-        expected = f"a vehicle to the {side} of its nominal where its recorded applied_steer points to the {side}"
-        found = (
-            f"{abs(every.lateral_m[rows[0]]):.2f} m to the other side, under {keys}; "
-            "the sign of steering or the world may be mirrored"
-        )
-        return Mismatch({"table": "observations"}, expected, found, len(rows))
+        pair = widest[g]
+        more, less = (keys[view.policy[attempt[pair]]] for attempt in (found.more, found.less))
+        return Mismatch({"table": "observations"}, *text(more, less, float(found.away_m[pair])), int(num_pairs[g]))
 
-    yield Check.of_subjects(subjects & compared, subjects & wrong, describe)
+    return Check.of_subjects(subjects & found.compared, subjects & (num_pairs > 0), describe)
+
+
+@rule("BD-GRP-010")
+def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """No candidate without a contact ends to the left of another where it alone steers to the right of it."""
+
+    def text(more: str, less: str, away_m: float) -> tuple[str, str]:
+        return (
+            f"{more} to the right of {less}, where its recorded applied_steer points to the right of it",
+            f"{away_m:.2f} m to the left of it; the sign of steering or the world may be mirrored",
+        )
+
+    yield _ordered(view, subjects, steers_contrary(view, selection), text)
+
+
+@rule("BD-GRP-011")
+def driving_moves_on(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
+    """No candidate without a contact comes less far than another that steers much alike and drives less."""
+
+    def text(more: str, less: str, away_m: float) -> tuple[str, str]:
+        return (
+            f"{more} as far as {less} or further, which has no more throttle less brake at any tick",
+            f"{away_m:.2f} m less far, from the speed at the branch",
+        )
+
+    yield _ordered(view, subjects, drives_contrary(view, selection), text)
 
 
 @rule("BD-GRP-006")

@@ -16,7 +16,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.driving.unit import wrong_unit
 from branchdrive.files.survey import Survey
-from branchdrive.raw.motion.calibration import QUANTITIES, calibration_between_contacts
+from branchdrive.raw.motion.calibration import QUANTITIES, calibration_between_contacts, wrong_of_one
 from branchdrive.raw.motion.contact import is_free, knows_contacts, rest_observations, touches
 from branchdrive.raw.motion.residual import RELATIONS, Relation, displacement, turn
 from branchdrive.raw.rules.responses import MIN_INTERVENTIONS, prevails
@@ -136,12 +136,8 @@ def attempts_have_sign_unit_and_clock(view: ShardView, subjects: Mask) -> Iterat
     """Speeds, yaw rates, accelerations and headings of an attempt are those of its positions, turns and commands."""
     subjects = subjects & knows_contacts(view)
     values = view.cached(calibration_between_contacts)
-    judged = {name: quantity.of_one for name, quantity in QUANTITIES.items() if quantity.of_one and name in values}
-    # From the branch on there are few observations, over which a turn may begin or end: there only the sign tells.
-    wrong = {
-        name: (values[name] < np.array([[least], [-least]])) | (values[name] > most)
-        for name, (least, most) in judged.items()
-    }
+    judged = [name for name, quantity in QUANTITIES.items() if quantity.of_one and name in values]
+    wrong = {name: wrong_of_one(name, values[name]) for name in judged}
     compared = np.logical_or.reduce([np.isfinite(values[name]).any(axis=0) for name in judged])
     bad = np.logical_or.reduce([is_wrong.any(axis=0) for is_wrong in wrong.values()])
 

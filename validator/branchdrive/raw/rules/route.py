@@ -16,7 +16,14 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import RoutePosition, project
-from branchdrive.raw.motion.route_state import contradicts_route, has_judged_rows, misplaces_target_points, routes
+from branchdrive.raw.motion.route_state import (
+    contradicts_route,
+    has_judged_rows,
+    misplaces_target_points,
+    routes,
+    target_progress,
+)
+from branchdrive.raw.motion.target_order import target_order
 from branchdrive.raw.shard_view import ShardView
 
 _MIN_DRIVEN = 8
@@ -83,6 +90,28 @@ def target_points_lie_ahead(view: ShardView, subjects: Mask) -> Iterator[Check]:
 
     subjects = subjects & has_judged_rows(view)
     yield _of_observations(view, subjects, misplaces_target_points(view), "target_point_1_x_m", text)
+
+
+@rule("BD-RTE-004")
+def target_points_follow_from_progress(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where an attempt, or its nominal, has come further, or is at the same place, target points are not behind."""
+    order, progress = view.cached(target_order), view.cached(target_progress)
+    observations, marked = view.observations, np.zeros(len(view.observations), bool)
+    marked[order.row] = True
+    place = dict(zip(order.row.tolist(), zip(order.other.tolist(), order.number.tolist(), strict=True), strict=True))
+
+    def text(row: int) -> tuple[str, str]:
+        other, number = place[row]
+        at, target = (
+            [float(values[i]) for i in (other, row)]
+            for values in (observations["route_progress_m"], progress.least_m[number])
+        )
+        expected = (
+            f"target point {number + 1} at progress {at[1]:.3f} m in order with {target[0]:.3f} m at {at[0]:.3f} m"
+        )
+        return expected, f"{target[1]:.3f} m"
+
+    yield _of_observations(view, subjects & order.compared, marked, "target_point_1_x_m", text)
 
 
 @rule("BD-RTE-003")

@@ -162,9 +162,7 @@ def trigger_shows_in_the_nominal(view: ShardView, subjects: Mask) -> Iterator[Ch
     steady = np.flatnonzero(subjects & is_steady & (row >= 0))
     command[steady] = _largest_change(view.controls, view.nominal[steady], tick[steady])
     stays_below = is_steady | rollouts.equals("trigger_signal", "throttle_release")
-    passes = np.where(
-        stays_below, value <= threshold + bounds.signal, np.abs(value) >= np.abs(threshold) - bounds.signal
-    )
+    passes = np.where(stays_below, value <= threshold, np.abs(value) >= np.abs(threshold))
     is_command = np.abs(np.abs(value) - np.abs(command)) <= bounds.signal
     most_ticks = np.where(is_steady, 0.0, bounds.trigger_delay_ticks)
     is_soon = tick - view.branch_tick <= most_ticks

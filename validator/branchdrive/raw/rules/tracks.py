@@ -24,6 +24,10 @@ Index = NDArray[np.int64]
 
 _KIND = ("actor_class", "length_m", "width_m", "height_m")
 _BOX = ("x_m", "y_m", "yaw_rad", "length_m", "width_m")
+_BODY = ("x_m", "y_m", "length_m", "width_m")
+
+_MOST_NEIGHBOURS = 64
+"""Rows that each is compared with at most, of those of its observation and class that follow along x."""
 
 
 def _of_actors(
@@ -96,9 +100,37 @@ def _twins(view: ShardView, rows: Index, columns: Sequence[str]) -> tuple[Index,
     return rows[order[repeats + 1]], rows[order[repeats]]
 
 
+def _near_twins(view: ShardView, rows: Index) -> tuple[Index, Index]:
+    """Rows whose body differs by no more than bodies are thick from another one's of their class, and these others.
+
+    One of both begins its track there; the row with the larger identity is the twin.
+    """
+    stream, reach = view.stream("actors"), physical_bounds().body_m
+    row, previous, *_ = view.cached(tracks)
+    begins, kinds = np.zeros(len(stream), bool), stream.categories("actor_class")[0]
+    begins[row[previous < 0]] = True
+    frame, x = view.observations.rows_of(stream)[rows], stream["x_m"][rows]
+    rows = rows[np.lexsort((x, kinds[rows], frame))]
+    frame, kind, x = view.observations.rows_of(stream)[rows], kinds[rows], stream["x_m"][rows]
+    found = [np.zeros((2, 0), np.int64)]
+    for step in range(1, min(_MOST_NEIGHBOURS, len(rows) - 1) + 1):
+        near = (frame[step:] == frame[:-step]) & (kind[step:] == kind[:-step]) & (x[step:] - x[:-step] <= reach)
+        one = np.flatnonzero(near)
+        if not len(one):
+            break
+        pair = np.stack([rows[one], rows[one + step]])
+        is_one = begins[pair].any(axis=0)
+        for column in _BODY:
+            is_one &= np.abs(np.subtract(*stream[column][pair].astype(np.float64))) <= reach
+        found.append(pair[:, is_one])
+    pairs = np.concatenate(found, axis=1)
+    is_later = np.argmax(stream["actor_id"][pairs], axis=0), np.arange(pairs.shape[1])
+    return pairs[is_later], pairs[1 - is_later[0], is_later[1]]
+
+
 @rule("BD-ACT-002")
 def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """No actor has the place of the ego, and no two actors of an observation have one box."""
+    """No actor has the place of the ego, and no two actors of an observation have one box, or nearly."""
     stream, observations = view.stream("actors"), view.observations
     row, previous, *_ = view.cached(tracks)
     rows = row[previous < 0]
@@ -116,11 +148,15 @@ def actors_are_others(view: ShardView, subjects: Mask) -> Iterator[Check]:
     second, first = _twins(view, some, _BOX[:1])  # few share as much as one number
     if len(second):
         second, first = _twins(view, rows, _BOX)
-    twin = dict(zip(second.tolist(), first.tolist(), strict=True))
+    near = _near_twins(view, some)
+    if len(near[0]):
+        near = _near_twins(view, rows)
+    twin = dict(zip(*(np.concatenate(pair).tolist() for pair in zip(near, (second, first), strict=True)), strict=True))
+    second = np.array(sorted(twin), np.int64)
     twice = _of_actors(
         view, subjects, stream.with_rows(row), second, "actor_id",
         lambda row: (
-            "a box of its own", f"the box of actor {stream['actor_id'][twin[row]]}",
+            "a box of its own", f"that of actor {stream['actor_id'][twin[row]]}, or nearly",
         ),
     )  # fmt: skip
     yield Check.of_any(ego, twice)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import boundary, mutant
@@ -96,7 +97,56 @@ def outcomes_of_steering_exchanged(d: Draft) -> None:
     _exchange_steering(d, "0.10")
 
 
+@boundary("BD-GRP-010", base="bare")
+def outcomes_of_steerings_that_hardly_differ_exchanged(d: Draft) -> None:
+    d.set("rollouts", "result_num_static_collisions", None, group_id="g0")
+    exchange_outcomes(d, "steer_left_0.05", "steer_left_0.10", "g0")
+
+
 @boundary("BD-RSP-001", "BD-GRP-010", base="bare")
-def outcomes_of_a_steering_that_is_hardly_one_exchanged(d: Draft) -> None:
-    """What two candidates of one of three groups show refutes no dataset."""
-    _exchange_steering(d, "0.05")
+def candidate_that_ends_hardly_on_the_other_side(d: Draft) -> None:
+    """What one candidate of one of three groups shows refutes no dataset."""
+    attempt, end = "g0.steer_left_0.05.a1", {"tick": BRANCH_TICK + 50}
+    give_outcome(d, "steer_left_0.05", "nominal", "g0")
+    yaw = d.value("observations", "yaw_rad", rollout_id=attempt, **end)
+    for column, share in (("x_m", np.sin(yaw)), ("y_m", -np.cos(yaw))):
+        d.set("observations", column, lambda v, share=share: v + 0.25 * share, rollout_id=attempt, **end)
+    d.reroute(attempt)
+
+
+@mutant("BD-GRP-010", base="bare", at={"group_id": "g0"})
+def outcomes_of_steering_to_one_side_exchanged(d: Draft) -> None:
+    """Both still end on their side of the nominal, and each where the other one should."""
+    d.set("rollouts", "result_num_static_collisions", None, group_id="g0")
+    exchange_outcomes(d, "steer_left_0.05", "steer_left_0.15", "g0")
+
+
+# BD-GRP-011
+
+
+def _exchange_driving(d: Draft, one: str, other: str, group_id: str = "g1") -> None:
+    d.set("rollouts", "result_num_static_collisions", None, group_id=group_id)
+    exchange_outcomes(d, one, other, group_id)
+
+
+@mutant("BD-GRP-011", base="bare", at={"group_id": "g1"})
+def outcomes_of_braking_exchanged(d: Draft) -> None:
+    _exchange_driving(d, "brake_0.30", "brake_1.00")
+
+
+@mutant("BD-GRP-011", base="bare", at={"group_id": "g0"})
+def outcomes_of_driving_and_braking_exchanged(d: Draft) -> None:
+    _exchange_driving(d, "accelerate_0.80", "brake_0.30", "g0")
+
+
+@boundary("BD-GRP-011", base="bare")
+def outcomes_of_hard_braking_exchanged(d: Draft) -> None:
+    """Wheels that lock hold less than those that roll."""
+    _exchange_driving(d, "brake_0.50", "brake_1.00")
+
+
+@boundary("BD-GRP-011", base="bare")
+def outcomes_of_a_vehicle_that_hardly_drives_exchanged(d: Draft) -> None:
+    """From a standstill it may roll back."""
+    _exchange_driving(d, "brake_0.30", "brake_1.00")
+    d.set("observations", "speed_mps", 0.5, group_id="g1", tick=BRANCH_TICK)

@@ -38,6 +38,18 @@ def accelerations_of_a_third_of_the_speeds(d: Draft) -> None:
     d.set("observations", ("accel_longitudinal_mps2", "accel_lateral_mps2"), lambda a: a / 3, rollout_id=BRAKE)
 
 
+@mutant("BD-MOT-006", at={**_motion_of("accel_lateral_mps2"), "rollout_id": ON_A_BEND}, base="bare")
+def two_skids_in_an_attempt(d: Draft) -> None:
+    skids = [BRANCH_TICK + 10, BRANCH_TICK + 15]
+    d.set("observations", "accel_lateral_mps2", -7.5, rollout_id=ON_A_BEND, tick=skids)
+
+
+@boundary("BD-MOT-006", base="bare")
+def skid_of_one_observation(d: Draft) -> None:
+    """It makes a slope of 0.2, and without it there is one of 1."""
+    d.set("observations", "accel_lateral_mps2", -7.5, rollout_id=ON_A_BEND, tick=BRANCH_TICK + 15)
+
+
 @boundary("BD-MOT-006", base="bare")
 def yaw_rates_that_lag_behind_a_turn_from_the_branch_on(d: Draft) -> None:
     """A few observations in which turns begin and end make small values, and no contrary sign."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from tests.synthetic import BRANCH_TICK
@@ -81,6 +81,64 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
     yaw = rows["yaw_rad"].to_numpy().astype(float)
     ahead, left = on_grid(np.cos(yaw) * dx + np.sin(yaw) * dy), on_grid(np.cos(yaw) * dy - np.sin(yaw) * dx)
     d.fill("observations", dict(zip(TARGETS, (ahead, left, ahead, left), strict=True)), rollout_id=BRAKE)
+
+
+@mutant("BD-RTE-002", at=observed_at("target_point_1_x_m", BRANCH_TICK - 80))
+def second_target_point_that_is_the_first(d: Draft) -> None:
+    rows = d.take("observations", rollout_id=BRAKE)
+    d.fill(
+        "observations", {new: rows[old] for old, new in zip(TARGETS[:2], TARGETS[2:], strict=True)}, rollout_id=BRAKE
+    )
+
+
+# BD-RTE-004
+
+
+def _look_ahead(d: Draft, further_m: float, ticks: Sequence[int], rollout_id: str = BRAKE) -> None:
+    """Take target points of an attempt on its route along the x axis further ahead, at some ticks."""
+    own = {"rollout_id": rollout_id, "tick": list(ticks)}
+    rows = d.take("observations", **own)
+    yaw = rows["yaw_rad"].to_numpy().astype(float)
+    moved = {
+        f"target_point_{number}_{axis}_m": rows[f"target_point_{number}_{axis}_m"].to_numpy() + further_m * share
+        for number in (1, 2)
+        for axis, share in (("x", np.cos(yaw)), ("y", -np.sin(yaw)))
+    }
+    d.fill("observations", moved, **own)
+
+
+@mutant("BD-RTE-004", at=observed_at("target_point_1_x_m", BRANCH_TICK + 25))
+def target_points_of_the_observation_before(d: Draft) -> None:
+    _look_ahead(d, -3.0, [BRANCH_TICK + 25])
+
+
+@mutant("BD-RTE-004", at=observed_at("target_point_1_x_m", BRANCH_TICK + 5))
+def target_points_further_ahead_than_those_of_the_nominal(d: Draft) -> None:
+    _look_ahead(d, 4.0, range(BRANCH_TICK + 5, BRANCH_TICK + 55, 5))
+
+
+@boundary("BD-RTE-004", "BD-RTE-002")
+def target_points_within_the_tolerance(d: Draft) -> None:
+    _look_ahead(d, -0.0009, range(BRANCH_TICK + 5, BRANCH_TICK + 55, 10))
+
+
+@boundary("BD-RTE-004", "BD-RTE-002")
+def target_points_that_are_the_next_vertices(d: Draft) -> None:
+    """They stay where they are until the ego has passed them."""
+    for record in d.take("rollouts", group_id="g0").to_pylist():
+        line = np.array([record["route_x_m"], record["route_y_m"]])
+        arc = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(line, axis=1)))])
+        rows = d.take("observations", rollout_id=record["rollout_id"])
+        x, y, yaw, progress = (
+            rows[name].to_numpy().astype(float) for name in ("x_m", "y_m", "yaw_rad", "route_progress_m")
+        )
+        first = np.searchsorted(arc, progress, "right")
+        columns = {}
+        for number in (1, 2):
+            dx, dy = line[:, np.minimum(first + number - 1, len(arc) - 1)] - [x, y]
+            columns[f"target_point_{number}_x_m"] = np.cos(yaw) * dx + np.sin(yaw) * dy
+            columns[f"target_point_{number}_y_m"] = np.cos(yaw) * dy - np.sin(yaw) * dx
+        d.fill("observations", columns, rollout_id=record["rollout_id"])
 
 
 # BD-RTE-003

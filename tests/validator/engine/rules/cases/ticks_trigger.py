@@ -83,6 +83,18 @@ def trigger_long_after_the_branch(d: Draft) -> None:
     _show(d, "brake", BRANCH_TICK + 21)
 
 
+def _just_beyond(value: float, limit: float) -> float:
+    """The next value of a column beside `value`, on the way to `limit`."""
+    return float(np.nextafter(np.float32(value), np.float32(limit)))
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def brake_a_rounding_below_its_threshold(d: Draft) -> None:
+    tick = BRANCH_TICK + 20
+    value = d.value("controls", COMMANDS["brake"], rollout_id=NOMINAL, tick=tick)
+    _show(d, "brake", tick, threshold=_just_beyond(value, 1.0))
+
+
 def _hold(d: Draft, tick: int, *, more: float = 0.0, above: float = 0.0) -> None:
     """Make the group's branch a control, with a value that is `more` than the change and `above` the threshold."""
     rows = d.take("controls", rollout_id=NOMINAL, tick=range(tick, tick + 50)).sort_by("tick")
@@ -103,6 +115,13 @@ def control_at_which_commands_change_more(d: Draft) -> None:
 @mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
 def control_above_its_threshold(d: Draft) -> None:
     _hold(d, BRANCH_TICK, above=0.001)
+
+
+@mutant("BD-TRG-003", at=_place("trigger_value"), findings=15)
+def control_a_rounding_above_its_threshold(d: Draft) -> None:
+    _hold(d, BRANCH_TICK)
+    value = d.value("rollouts", "trigger_value", rollout_id=NOMINAL)
+    d.set("rollouts", "trigger_threshold", _just_beyond(value, -1.0), group_id="g0")
 
 
 @mutant("BD-TRG-003", at=_place("trigger_tick"), findings=15)

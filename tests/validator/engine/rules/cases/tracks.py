@@ -82,6 +82,24 @@ def actor_under_two_ids(d: Draft) -> None:
     _refresh(d)
 
 
+@mutant("BD-ACT-002", at=_actor("actor_id", BRANCH_TICK - 75, 98))
+def actor_nearly_under_two_ids(d: Draft) -> None:
+    """The copy is a little shorter, turned, and stands a little beside the actor."""
+    d.duplicate("actors", {"actor_id": 98}, rollout_id=BRAKE, actor_id=1)
+    for column, change in (("x_m", 0.09), ("y_m", -0.09), ("length_m", -0.09), ("yaw_rad", 0.01)):
+        d.set("actors", column, lambda v, change=change: v + change, rollout_id=BRAKE, actor_id=98)
+    _refresh(d)
+
+
+@boundary("BD-ACT-002")
+def actors_that_stand_close_together(d: Draft) -> None:
+    d.duplicate("actors", {"actor_id": 98}, rollout_id=BRAKE, actor_id=1)
+    d.set("actors", "y_m", lambda v: v + 0.11, rollout_id=BRAKE, actor_id=98)
+    d.duplicate("actors", {"actor_id": 99, "actor_class": "static"}, rollout_id=BRAKE, actor_id=1)
+    d.set("actors", "x_m", lambda v: v + 0.05, rollout_id=BRAKE, actor_id=99)
+    _refresh(d)
+
+
 @boundary("BD-ACT-002", "BD-ACT-001", "BD-ACT-003")
 def cars_of_one_make_in_any_order(d: Draft) -> None:
     for column, extent in zip(("length_m", "width_m", "height_m"), EGO_BOX_M, strict=True):
