@@ -43,18 +43,26 @@ class NetworkError(RuntimeError):
     """A test tried to reach the network."""
 
 
+_LOOPBACK = "127.0.0.1"
+
+
 def _local_only(call: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(self: socket.socket, *arguments: Any) -> Any:
-        if self.family != getattr(socket, "AF_UNIX", None):
-            address = arguments[-1]
+        address = arguments[-1]
+        if self.family != getattr(socket, "AF_UNIX", None) and address[0] != _LOOPBACK:
             raise NetworkError(f"tests run without network; `{call.__name__}` was asked for {address!r}")
         return call(self, *arguments)
 
     return guarded
 
 
-def _no_lookup(host: object, *_: Any, **__: Any) -> Any:
-    raise NetworkError(f"tests run without network; the address of {host!r} was asked for")
+def _no_lookup(look_up: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(host: object, *arguments: Any, **options: Any) -> Any:
+        if host != _LOOPBACK:
+            raise NetworkError(f"tests run without network; the address of {host!r} was asked for")
+        return look_up(host, *arguments, **options)
+
+    return guarded
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -63,7 +71,7 @@ def _blocked_network() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name in ("connect", "connect_ex", "sendto"):
             patch.setattr(socket.socket, name, _local_only(getattr(socket.socket, name)))
-        patch.setattr(socket, "getaddrinfo", _no_lookup)
+        patch.setattr(socket, "getaddrinfo", _no_lookup(socket.getaddrinfo))
         yield
 
 

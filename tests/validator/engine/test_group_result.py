@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from tests.audits import validate_once
 from tests.mutation import new_draft
 from tests.validator.engine import datasets
@@ -25,8 +26,10 @@ def test_every_group_is_listed_with_what_it_lacks(tmp_path: Path) -> None:
     assert len(report.groups) - len(lost) == report.funnel.qualified == 2
     (group,) = lost
     assert (group.stage, "BD-CTL-008" in group.rules or "BD-CTL-009" in group.rules) == ("Controls valid", True)
-    found = next(finding.found for finding in report.findings if finding.rule == group.rules[0])
-    assert group.reason == f"does not hold: {CATALOGUE[group.rules[0]].title}: found {found}"
+    first = next(finding for finding in report.findings if finding.rule == group.rules[0])
+    assert group.reason == (
+        f"does not hold: {CATALOGUE[group.rules[0]].title}: expected {first.expected}, found {first.found}"
+    )
     assert report.to_json()["groups"] == [each.to_json() for each in report.groups]
     assert {each["id"]: each["qualifies"] for each in report.to_json()["groups"]}[group.group_id] is False
 
@@ -42,14 +45,46 @@ def test_a_group_without_an_action_says_which(tmp_path: Path) -> None:
     draft.set("rollouts", "status_reason", "out of fuel", rollout_id="g0.brake_1.00.a1")
     report = validate_once(draft.write(tmp_path / "dataset"))
     (reason,) = (group.reason for group in report.groups or () if not group.qualifies)
-    assert reason.endswith(": found no complete attempt of brake_1.00")
+    assert reason.endswith(", found no complete attempt of brake_1.00")
 
 
 def test_findings_on_rows_tell_the_reason_of_their_group(tmp_path: Path) -> None:
     report = validate_once(datasets.write(tmp_path / "dataset", datasets.DEPARTURES["speed out of range"].tables()))
     (reason,) = (group.reason for group in report.groups or () if not group.qualifies)
-    assert reason == "does not hold: Values lie in their declared range: found 1000.0"
+    assert reason.startswith("does not hold: Values lie in their declared range, in speed_mps: expected ")
+    assert reason.endswith(", found 1000.0")
     assert all("group_id" not in finding["location"] for finding in report.to_json()["findings"])
+
+
+def test_a_group_that_repeats_another_is_said_to_whatever_it_lacks() -> None:
+    outcome = GroupOutcome("g1", True, "eligibility", ("BD-TRG-001",))
+    copy = Finding("BD-RSP-015", {"group_id": "g1"}, 1, "ways that no other group has", "those of group 'g0'")
+    lacked = Finding("BD-TRG-001", {"rollout_id": "r"}, 1, "'r1'", "'r0'", of_group="g1")
+    result = GroupResult.of(outcome, {("g1", "BD-RSP-015"): copy, ("g1", "BD-TRG-001"): lacked})
+    assert result.reason == (
+        "repeats another group, those of group 'g0'; does not hold: Trigger evidence comes from the rollout's nominal "
+        "alone: expected 'r1', found 'r0'"
+    )
+
+
+@pytest.mark.parametrize(
+    ("jump", "first_other", "said"),
+    [
+        ((5, 1), 5, "its observations may be late against its actors"),
+        ((260, 1), 260, "the ego from tick 260 on may be of another drive"),
+        ((260, 1), 200, None),  # evidence was wrong before the jump
+        ((260, 7), 260, None),  # speed or heading is wrong, not one step
+    ],
+)
+def test_a_jump_from_which_on_the_ego_does_not_fit_its_actors_is_explained(
+    jump: tuple[int, int], first_other: int, said: str | None
+) -> None:
+    found = {
+        ("g1", "BD-MOT-001"): Finding("BD-MOT-001", {"tick": jump[0]}, jump[1], "a", "b", of_group="g1"),
+        ("g1", "BD-EVD-001"): Finding("BD-EVD-001", {"tick": first_other}, 60, "a", "b", of_group="g1"),
+    }
+    reason = GroupResult.of(GroupOutcome("g1", True, "integrity", ("BD-MOT-001", "BD-EVD-001")), found).reason
+    assert reason.startswith(said or "does not hold: Displacements agree with speeds and headings")
 
 
 def test_reasons_of_the_funnel_stand_causes_first() -> None:
@@ -66,9 +101,10 @@ def test_reasons_of_the_funnel_stand_causes_first() -> None:
 def test_causes_stand_before_what_follows_from_them() -> None:
     rules = [
         "BD-EVD-002", "BD-WIN-005", "BD-CTL-001", "BD-MOT-003", "BD-MOT-006", "BD-MOT-001", "BD-RSP-007", "BD-VAL-002",
+        "BD-GRP-009",
     ]  # fmt: skip
     ordered = sorted(rules, key=cause_order)
-    assert ordered[:5] == ["BD-VAL-002", "BD-RSP-007", "BD-MOT-006", "BD-MOT-001", "BD-MOT-003"]
+    assert ordered[:6] == ["BD-VAL-002", "BD-RSP-007", "BD-GRP-009", "BD-MOT-006", "BD-MOT-001", "BD-MOT-003"]
     assert ordered[-1] == "BD-EVD-002"
     assert GroupResult.of(GroupOutcome("g", True, "integrity", tuple(rules))).rules == tuple(ordered)
 

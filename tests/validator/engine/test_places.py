@@ -12,7 +12,7 @@ import numpy as np
 import obstore
 import pytest
 from obstore.store import MemoryStore
-from tests import synthetic
+from tests import hub_server, synthetic
 from tests.bucket_server import BucketServer, serving, use
 from tests.places import files_of, packed
 from tests.sampling import sampled
@@ -142,7 +142,7 @@ def test_reports_on_what_is_wrong_are_equal(tmp_path: Path, server: BucketServer
     assert told(spread(folder, server).at(kind)) == expected
 
 
-def test_reports_on_a_release_are_equal(tmp_path: Path, server: BucketServer) -> None:
+def test_reports_on_a_release_are_equal(tmp_path: Path, server: BucketServer, monkeypatch: pytest.MonkeyPatch) -> None:
     places = spread(release_draft().write(tmp_path / "release"), server)
     expected = told(places.folder)
     assert expected["verdict"] == "valid"
@@ -150,6 +150,11 @@ def test_reports_on_a_release_are_equal(tmp_path: Path, server: BucketServer) ->
     assert told(places.at("bucket")) == expected
     for kind in ("bucket", "archive"):
         assert np.array_equal(open_model(places.at(kind)).targets("test").scalars, plain, equal_nan=True)
+    with hub_server.serving() as hub:
+        hub_server.use(hub, monkeypatch)
+        hub.fill(places.folder)
+        ours = open_model("hf://datasets/org/name@main").targets("test").scalars
+    assert np.array_equal(ours, plain, equal_nan=True)
 
 
 def test_a_detached_release_and_its_raw_layer_may_be_in_two_places(tmp_path: Path, server: BucketServer) -> None:
@@ -172,6 +177,31 @@ def test_rollouts_and_images_are_read_from_anywhere(raw: Places, kind: str) -> N
     assert mine.nominal.tables["controls"] == theirs.nominal.tables["controls"]
     camera = plain.descriptor.cameras[0].name
     assert mine.nominal.frames(camera)[0].read() == theirs.nominal.frames(camera)[0].read()
+
+
+def test_a_dataset_on_the_hub_says_the_same_in_worker_processes_too(
+    folder: Path, expected: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with hub_server.serving() as hub:
+        hub_server.use(hub, monkeypatch)
+        commit = hub.fill(folder, "drive")
+        report = validate("hf://org/name@main/drive", executor=isolated(1)).to_json()
+        ours, plain = open_dataset("hf://org/name/drive"), open_dataset(folder)
+    assert report["dataset"].pop("path") == f"hf://org/name@{commit}/drive"
+    assert report == expected
+    assert ours.groups == plain.groups
+
+
+def test_commands_say_what_is_wrong_with_the_hub_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    with hub_server.serving() as hub:
+        hub_server.use(hub, monkeypatch)
+        hub.commit({"top": b""})
+        for url, status, code in (("hf://org/none", None, 2), ("hf://org/name", 403, 4), ("hf://org/name", 500, 4)):
+            if status is not None:
+                hub.status["revision"] = status
+            out, err = io.StringIO(), io.StringIO()
+            assert run_command(["validate", url], out, err) == code, err.getvalue()
+            assert (out.getvalue(), err.getvalue().count("\n")) == ("", 1)
 
 
 def test_a_report_takes_one_listing_and_one_request_a_file(raw: Places, server: BucketServer) -> None:

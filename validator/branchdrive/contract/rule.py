@@ -155,14 +155,18 @@ _CAUSES = (
 )  # fmt: skip
 """Areas whose defects explain others, the first causes first: a wrong unit of speed fails what is computed from it."""
 
-_NAMES_CAUSE = frozenset({"BD-MOT-006"})
-"""Rules whose findings name a unit or a sign; they stand before the others of their area."""
+_MOTION = "MOT"
+
+_NAME_CAUSES = ("BD-GRP-009", "BD-GRP-010", "BD-MOT-006")
+"""Rules whose findings name why motion is wrong, and stand before it: another action, a unit, a sign."""
 
 _PLACE = {rule_id: place for place, rule_id in enumerate(CATALOGUE)}
 
 
-def cause_order(rule_id: str) -> tuple[int, bool, int]:
+def cause_order(rule_id: str) -> tuple[int, int, int]:
     """Sort key of rules that fail together: causes before their consequences, else as in the catalogue."""
-    area = rule_id[3:6]
+    names_cause = rule_id in _NAME_CAUSES
+    area = _MOTION if names_cause else rule_id[3:6]
     place = _CAUSES.index(area) if area in _CAUSES else len(_CAUSES) + (area == _RECOMPUTED)
-    return (place, rule_id not in _NAMES_CAUSE, _PLACE[rule_id])
+    within = _NAME_CAUSES.index(rule_id) if names_cause else len(_NAME_CAUSES)
+    return (place, within, _PLACE[rule_id])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.contract.text import printable
+from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.engine.finding import Finding
 from branchdrive.raw.funnel import STAGES, GroupOutcome
 
@@ -17,7 +18,13 @@ __all__ = ["GroupResult"]
 FirstFindings: TypeAlias = Mapping[tuple[str | None, str], Finding]
 _NO_FINDINGS: FirstFindings = MappingProxyType({})
 _MAX_FOUND = 120
-"""Characters of what was found that a reason repeats."""
+"""Characters of what was expected, and of what was found, that a reason repeats."""
+
+_COPIES = ("BD-RSP-005", "BD-RSP-015")
+"""Rules that find a group to be another one under a name of its own, whatever it lacks then."""
+
+_JUMP, _SEPARATION = "BD-MOT-001", "BD-EVD-001"
+"""A single jump of the ego, from which on it does not fit its actors: it was put among them."""
 
 _NO_BRANCH = "no attempt has a branch: where nothing happened on this drive that calls for one, nothing is to be done"
 
@@ -30,7 +37,8 @@ class GroupResult:
         group_id: The group, safe to print.
         stage: Title of the stage that it is lost at; ``None`` where it qualifies.
         rules: Rules that it fails there, causes before their consequences.
-        reason: What it lacks in words, and what was found instead; empty where it qualifies.
+        reason: What it lacks in words, what was expected and found, after what may be the cause where its findings
+            tell; empty where it qualifies.
     """
 
     group_id: str
@@ -47,10 +55,11 @@ class GroupResult:
         rules = tuple(sorted(outcome.rules, key=cause_order))
         if not outcome.is_branched:
             return cls(group_id, STAGES[outcome.lost_at], rules, _NO_BRANCH)
-        first = findings.get((group_id, rules[0]))
-        found = f": found {_shortened(first.found)}" if first else ""
-        reason = f"does not hold: {CATALOGUE[rules[0]].title}{found}"
-        return cls(group_id, STAGES[outcome.lost_at], rules, reason)
+        reason = f"does not hold: {CATALOGUE[rules[0]].title}"
+        if first := findings.get((group_id, rules[0])):
+            column = f", in {first.location['column']}" if "column" in first.location else ""
+            reason += f"{column}: expected {_shortened(first.expected)}, found {_shortened(first.found)}"
+        return cls(group_id, STAGES[outcome.lost_at], rules, "; ".join([*_causes(group_id, findings), reason]))
 
     @property
     def qualifies(self) -> bool:
@@ -66,6 +75,23 @@ class GroupResult:
             "rules": list(self.rules),
             "reason": self.reason,
         }
+
+
+def _causes(group_id: str, findings: FirstFindings) -> Iterator[str]:
+    """What findings of several rules together say of a group, in words."""
+    copy = next((findings[group_id, rule] for rule in _COPIES if (group_id, rule) in findings), None)
+    if copy is not None:
+        yield f"repeats another group, {_shortened(copy.found)}"
+    jump, evidence = (findings.get((group_id, rule)) for rule in (_JUMP, _SEPARATION))
+    if jump is None or evidence is None or jump.count > 1:
+        return
+    tick = jump.location.get("tick")
+    if tick is None or tick != evidence.location.get("tick"):
+        return
+    if tick == OBSERVATION_STRIDE_TICKS:
+        yield "its observations may be late against its actors, which they do not fit from the first step on"
+    else:
+        yield f"the ego from tick {tick} on may be of another drive: it jumps there, and its actors do not"
 
 
 def _shortened(text: str) -> str:

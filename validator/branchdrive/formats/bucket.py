@@ -99,6 +99,8 @@ class Bucket(PinnedStore):
         """The bucket or prefix at a URL, listed; errors as `open_url`, also where nothing can be written."""
         if is_web(url):
             raise UsageError(f"{url!r} is a web server, which takes no files; name a bucket")
+        if url.startswith("hf://"):
+            raise UsageError("the Hub takes files from `hf upload`; name a folder or a bucket")
         found = cls.open_url(url)
         if found.unlisted:
             raise UsageError(f"{found}: {found.unlisted}; name another prefix")

@@ -80,7 +80,7 @@ def check_url(url: str) -> None:
     scheme, _, rest = url.partition("://")
     is_known = scheme in _SCHEMES or _LOOPBACK.match(url)
     if not is_known or not rest.partition("/")[0] or _SECRETS.search(rest):
-        schemes = ", ".join(f"{name}://" for name in _SCHEMES)
+        schemes = ", ".join(f"{name}://" for name in (*_SCHEMES, "hf"))
         raise UsageError(
             f"{scheme}://...: is no URL of a dataset: one begins with {schemes}, names a bucket or host and what is in "
             "it, and holds no credentials or options, which come from the environment"
@@ -106,14 +106,15 @@ def check_process() -> None:
 
 
 @lru_cache(maxsize=8)
-def connect(url: str, *, is_brief: bool = False) -> ObjectStore:
-    """A client of the store at a URL, with credentials of the environment; errors are obstore's.
+def connect(url: str, *, is_brief: bool = False, token: str | None = None) -> ObjectStore:
+    """A client of the store at a URL; errors are obstore's.
 
     A process has one for each URL, whatever the number of its tasks: each finds its credentials and connects again.
 
     Args:
         url: The URL.
         is_brief: Whether the store is given up soon.
+        token: Shown to a web server; credentials of buckets are those of the environment.
     """
     from obstore.store import HTTPStore, from_url
 
@@ -122,6 +123,8 @@ def connect(url: str, *, is_brief: bool = False) -> ObjectStore:
         "client_options": {**(BRIEF_TIMEOUTS if is_brief else TIMEOUTS), **({"allow_http": True} if is_plain else {})},
         "retry_config": BRIEF_RETRIES if is_brief else RETRIES,
     }
+    if token is not None:
+        options["client_options"]["default_headers"] = {"authorization": f"Bearer {token}"}
     if url.startswith("s3://"):
         # What is written is checked where it arrives; some stores know no request that removes many objects.
         options["config"] = {"checksum_algorithm": "SHA256", "disable_bulk_delete": True}
@@ -130,7 +133,9 @@ def connect(url: str, *, is_brief: bool = False) -> ObjectStore:
 
 
 @contextmanager
-def store_faults(place: str, *, is_listing: bool = False) -> Iterator[None]:
+def store_faults(
+    place: str, *, is_listing: bool = False, credentials: str = "the credentials in the environment"
+) -> Iterator[None]:
     """Tell what a store does wrong from what is wrong with a dataset; texts of obstore, maybe with secrets, end here.
 
     Objects that are there, gone, changed or of a name that no path has, are left to the caller as obstore's errors.
@@ -138,6 +143,7 @@ def store_faults(place: str, *, is_listing: bool = False) -> Iterator[None]:
     Args:
         place: What is asked for, as messages name it.
         is_listing: Whether it is the bucket itself.
+        credentials: What decides about access.
 
     Raises:
         PlatformError: The store refuses, throttles, fails or is silent, after all retries.
@@ -162,7 +168,7 @@ def store_faults(place: str, *, is_listing: bool = False) -> Iterator[None]:
         status = found[1] if found else ""
         if status in ("401", "403") or isinstance(error, PermissionDeniedError | UnauthenticatedError):
             raise PlatformError(
-                f"{place}: the store refuses access; look at the credentials in the environment and at what they allow"
+                f"{place}: the store refuses access; look at {credentials} and at what they allow"
             ) from None
         if status == "404" and is_listing:
             raise UsageError(f"{place}: there is no such bucket") from None

@@ -25,7 +25,8 @@ def open_store(place: Place | ObjectStore, *, follow_links: bool = False, allow:
 
     Args:
         place: A folder, whether or not it is there; ``s3://BUCKET/PREFIX``, ``gs://`` or ``az://``, which need the
-            extra `cloud`; a ``https://`` folder, of which the files are seen that its manifest names; a ``.zip`` that
+            extra `cloud`; a ``https://`` folder, of which the files are seen that its manifest names;
+            ``hf://ORG/NAME@REVISION`` on the Hugging Face Hub, with the extra `hub`; a ``.zip`` that
             `branchdrive pack` wrote, in any of these; a store of obstore at the dataset's prefix, with options and
             credentials of your own.
         follow_links: Whether links are followed, in a folder: those that stay in it, and those into `allow`.
@@ -55,8 +56,10 @@ def open_store(place: Place | ObjectStore, *, follow_links: bool = False, allow:
 
 def _at_url(url: str) -> Store:
     from branchdrive.formats.bucket import Bucket
+    from branchdrive.formats.hub import HubRepository
 
+    kind = HubRepository if url.startswith("hf://") else Bucket
     if not url.endswith(ARCHIVE_NAME):
-        return Bucket.open_url(url)
+        return kind.open_url(url)
     home, _, name = url.rpartition("/")
-    return Archive.open_file(Bucket.of_object(home, name), name)
+    return Archive.open_file(kind.of_object(home, name), name)

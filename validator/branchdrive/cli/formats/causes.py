@@ -14,9 +14,10 @@ from branchdrive.engine.tally import Tally
 __all__ = ["causes", "causes_text"]
 
 _MOTION = (
-    "BD-MOT-006", "BD-MOT-001", "BD-BOX-001", "BD-BOX-002", "BD-BOX-003", "BD-RSP-001", "BD-RSP-006", "BD-RSP-007",
+    "BD-GRP-009", "BD-GRP-010", "BD-MOT-006", "BD-MOT-001", "BD-BOX-001", "BD-BOX-002", "BD-BOX-003", "BD-RSP-001",
+    "BD-RSP-006", "BD-RSP-007",
 )  # fmt: skip
-"""Rules of which a failure tells of a wrong unit, sign, clock or size."""
+"""Rules of which a failure tells of the future of another action, of a wrong unit, sign, clock or size."""
 
 _FOLLOWING = ("BD-MOT-003", "BD-RPN-003", "BD-ACT-004", "BD-RSP-016")
 """Rules that recompute from such columns, beside those of evidence."""
