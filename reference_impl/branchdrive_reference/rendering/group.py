@@ -8,6 +8,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ class GroupRenderer:
         rows: list[dict[str, Any]] = []
         with durable_stream(archive_path) as stream:
             archive = MediaArchive(stream)
-            for rollout in self._dataset.group(group_id).rollouts:
+            for rollout in sorted(self._dataset.group(group_id).rollouts, key=attrgetter("rollout_id")):
                 between()
                 rows += self._rollout_rows(rollout, shard, archive)
         index = pa.Table.from_pylist(rows, schema=table_schema(FRAMES))

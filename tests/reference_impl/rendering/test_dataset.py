@@ -72,6 +72,7 @@ def test_the_identity_stays_and_the_dataset_is_valid(bare: Path, rendered: Rende
     assert f"# dataset {rendered.identity}\n" in (bare / "MANIFEST.sha256").read_text()
     report = validate(rendered.root)
     assert report.verdict == validate(bare).verdict == "valid"
+    assert "BD-TAB-007" not in {finding.rule for finding in report.findings}  # images are in the order of attempts
 
 
 def test_every_observation_of_the_window_has_its_image(rendered: RenderReport) -> None:
