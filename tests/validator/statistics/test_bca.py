@@ -10,8 +10,9 @@ import pytest
 from scipy.stats import bootstrap
 from tests.validator.statistics.samples import alone, pairs, same
 
-from branchdrive.statistics.bca import LEAST_UNITS, LEVELS, Intervals, intervals
-from branchdrive.statistics.bootstrap import Design, counted_mean, design
+from branchdrive.statistics import bca
+from branchdrive.statistics.bca import LEAST_UNITS, LEVELS, Intervals, intervals, ratio_intervals
+from branchdrive.statistics.bootstrap import Design, counted_mean, design, ratio_of_sums
 from branchdrive.statistics.random_words import below, words
 
 
@@ -40,6 +41,23 @@ def test_both_intervals_are_those_of_scipy(seed: int) -> None:
             bootstrap_result=SimpleNamespace(bootstrap_distribution=means),
         ).confidence_interval
         same([low[0], high[0]], [found.low, found.high])
+
+
+@pytest.mark.parametrize("cells", [1, 2000, 1 << 21])
+def test_intervals_of_many_ratios_are_those_of_each(cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    above, under = rng.normal(size=(31, 5)), rng.uniform(0.5, 1.5, (31, 5))
+    there = rng.uniform(size=(31, 5)) > 0.2
+    above, under = above * there, under * there
+    resampling = design(alone(31), seed=1, num_resamples=300)
+    monkeypatch.setattr(bca, "_CELLS_AT_ONCE", cells)
+    ratios, ends = ratio_intervals(resampling, above, under, there)
+    for k in range(5):
+        one = slice(k, k + 1)
+        parts = resampling.split(ratio_of_sums(resampling, above[:, one], under[:, one]))
+        own = intervals(*parts, there[:, one].sum(axis=0), resampling.clusters.num_there(there[:, one]))
+        assert ratios[k] == parts[0][0]
+        same([field[k] for field in ends], [field[0] for field in own])
 
 
 def test_a_root_mean_square_has_the_intervals_of_scipy() -> None:

@@ -12,7 +12,6 @@ Source: spec/13-leakage.md#streams.
 from __future__ import annotations
 
 import hashlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,9 +63,9 @@ def _of_camera(view: ShardView, camera: str, attempts: Index) -> Array:
         rows = images.find(attempts[:, None], code, ticks)
         is_there, rows = rows >= 0, rows[rows >= 0]
         if len(rows):
-            found[is_there, 0] = _numbers(frames, TABLES[IMAGES]["size_bytes"])[rows]
+            found[is_there, 0] = _numbers(frames, TABLES[IMAGES]["size_bytes"], rows)
             found[is_there, 1:-1] = view.images.numbers[frames.position[rows]]
-            found[is_there, -1] = _numbers(frames, TABLES[IMAGES]["checksum"])[rows]
+            found[is_there, -1] = _numbers(frames, TABLES[IMAGES]["checksum"], rows)
     of_times = found[..., :-1].transpose(0, 2, 1).reshape(len(attempts), len(HISTORY_OFFSETS) * (1 + len(NAMES)))
     return np.concatenate([of_times, num_different(found[..., -1])[:, None]], axis=1)
 
@@ -80,22 +79,24 @@ def _of_table(view: ShardView, table: str, attempts: Index) -> Array:
         blocks = [*_sums(stream, first, stop), (stop - first).astype(np.float64)]
     else:
         rows = window_rows(view, stream, attempts, offsets)
-        blocks = []
-        for column in value_columns(table):
-            numbers = _numbers(stream, column)
-            blocks.append(np.where(rows >= 0, numbers[rows], np.nan) if len(numbers) else np.full(rows.shape, np.nan))
+        blocks = [np.full(rows.shape, np.nan) for _ in value_columns(table)]
+        is_there = rows >= 0
+        for block, column in zip(blocks, value_columns(table), strict=True):
+            block[is_there] = _numbers(stream, column, rows[is_there])
     return np.concatenate([*blocks, num_different(np.stack(blocks, axis=1))], axis=1)
 
 
-def _numbers(stream: StreamView, column: Column) -> Array:
-    """Numbers of a column ``[rows]``."""
+def _numbers(stream: StreamView, column: Column, rows: Index) -> Array:
+    """Numbers of a column, of the shape of the rows."""
     if column.type == "string":
         codes, categories = stream.categories(column.name)
         places = {text: float(place) for place, text in enumerate(column.values)}
         lookup = [places[text] if text in places else _hashed(text) for text in categories]
-        return np.asarray(np.array([*lookup, np.nan])[codes])
-    values: NDArray[Any] = stream[column.name]
-    return np.where(stream.valid(column.name), values.astype(np.float64), np.nan)
+        return np.asarray(np.array([*lookup, np.nan])[codes[rows]])
+    values = stream[column.name][rows].astype(np.float64)
+    if stream.num_nulls(column.name):
+        values[~stream.valid(column.name)[rows]] = np.nan
+    return values
 
 
 def _hashed(text: str) -> float:
@@ -104,14 +105,14 @@ def _hashed(text: str) -> float:
 
 def _sums(stream: StreamView, first: Index, stop: Index) -> list[Array]:
     """Sums of every column over the rows ``first .. stop - 1`` of moments ``[attempts, moments]``."""
+    counts = (stop - first).ravel()
+    ends = np.cumsum(counts)
+    rows = np.arange(counts.sum()) + np.repeat(first.ravel() - ends + counts, counts)
     found = []
     for column in value_columns("actors"):
-        numbers = _numbers(stream, column)
+        numbers = _numbers(stream, column, rows)
         steps = np.rint(np.where(np.isnan(numbers), _NULL_OF_ACTOR, numbers) * _STEPS).astype(np.int64)
-        found.append(_between(steps, first, stop) / _STEPS)
+        upto = np.concatenate(([0], np.cumsum(steps)))
+        sums = (upto[ends] - upto[ends - counts]).astype(np.float64)
+        found.append(sums.reshape(first.shape) / _STEPS)
     return found
-
-
-def _between(values: NDArray[np.int64], first: Index, stop: Index) -> Array:
-    upto = np.concatenate(([0], np.cumsum(values)))
-    return np.asarray((upto[stop] - upto[first]).astype(np.float64))

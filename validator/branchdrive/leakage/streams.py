@@ -11,6 +11,7 @@ Source: this project's choice; spec/13-leakage.md#streams.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -111,6 +112,7 @@ def examined_cameras(descriptor: Descriptor) -> tuple[str, ...]:
     return tuple(camera.name for camera in descriptor.cameras if STREAMS[camera.stream].track in tracks)
 
 
+@lru_cache(4)
 def stream_columns(tables: tuple[str, ...], cameras: tuple[str, ...] = ()) -> tuple[StreamColumn, ...]:
     """Columns of the given tables, then those of cameras.
 
@@ -150,11 +152,14 @@ def ranked(values: Array) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     A NaN stands for what is not there, below every number and infinitely far from it.
     """
     ordered = np.where(np.isnan(values), -np.inf, values)
-    ranks = np.zeros(values.shape, np.int16)
-    for other in range(values.shape[1]):
-        ranks += ordered > ordered[:, other : other + 1]
-        ranks -= ordered < ordered[:, other : other + 1]
     low, high = ordered.min(axis=1, initial=np.inf), ordered.max(axis=1, initial=-np.inf)
+    ranks = np.zeros(values.shape, np.int16)
+    differing = np.flatnonzero((low < high).any(axis=0))  # of replays of one history few columns differ
+    compared, found = ordered[..., differing], ranks[..., differing]
+    for other in range(values.shape[1]):
+        found += compared > compared[:, other : other + 1]
+        found -= compared < compared[:, other : other + 1]
+    ranks[..., differing] = found
     with np.errstate(invalid="ignore", over="ignore"):
         spread = np.where(low < high, high - low, 0.0).astype(np.float32)
     return ranks, spread

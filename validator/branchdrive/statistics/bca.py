@@ -24,11 +24,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.statistics.bootstrap import Design, ratio_of_sums
 from branchdrive.statistics.rounding import slack
 
-__all__ = ["LEAST_UNITS", "LEVELS", "Intervals", "intervals"]
+__all__ = ["LEAST_UNITS", "LEVELS", "Intervals", "intervals", "ratio_intervals"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 LEVELS = (0.025, 0.975)
 
@@ -40,6 +42,9 @@ their range miss it, and no sign flip of the units has a smaller p-value.
 """
 
 _NORMAL = NormalDist()
+
+_CELLS_AT_ONCE = 1 << 21
+"""Resampled values that are held at once: 16 MiB for each intermediate array."""
 
 
 class Intervals(NamedTuple):
@@ -91,6 +96,26 @@ def intervals(
     ordered, num_defined, cluster_undefined = _ordered(estimate, by_cluster, num_clusters)
     cluster_low, cluster_high = _percentiles(ordered, num_defined)
     return Intervals(low, high, bca_low, bca_high, undefined, cluster_low, cluster_high, cluster_undefined)
+
+
+def ratio_intervals(resampling: Design, numerators: Array, denominators: Array, there: Mask) -> tuple[Array, Intervals]:
+    """Ratios of sums over groups ``[K]``, and their intervals.
+
+    Args:
+        resampling: Of the groups.
+        numerators: ``[N, K]``.
+        denominators: ``[N, K]``.
+        there: Which groups contribute ``[N, K]``.
+    """
+    at_once = max(1, _CELLS_AT_ONCE // len(resampling))
+    parts = [slice(start, start + at_once) for start in range(0, numerators.shape[1], at_once)]
+    estimates, ends = [], []
+    for part in parts:
+        of_part = resampling.split(ratio_of_sums(resampling, numerators[:, part], denominators[:, part]))
+        is_there = there[:, part]
+        estimates.append(of_part[0])
+        ends.append(intervals(*of_part, is_there.sum(axis=0), resampling.clusters.num_there(is_there)))
+    return np.concatenate(estimates), Intervals(*(np.concatenate(field) for field in zip(*ends, strict=True)))
 
 
 def _ordered(

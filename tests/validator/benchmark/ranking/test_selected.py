@@ -33,9 +33,8 @@ def found(shares: Array, values: Array | None = None, **options: object) -> Sele
     values = bank() if values is None else values
     given: dict[str, object] = {"nominal": 0, "contact_m": 0.0, "tolerance": TOLERANCE, **options}
     ranked = np.asarray(given.pop("ranked", np.ones(len(values), bool)))
-    return selected_outcomes(
-        Targets(values, np.isfinite(values)), shares, ranked, resampling(), **given,  # type: ignore[arg-type]
-    )  # fmt: skip
+    outcomes = Targets(values, np.isfinite(values))
+    return selected_outcomes(outcomes, {"it": shares}, ranked, resampling(), **given)["it"]  # type: ignore[arg-type]
 
 
 def test_a_fixed_choice_has_the_outcomes_of_its_candidate() -> None:
@@ -100,7 +99,7 @@ def test_what_is_not_available_is_left_out_and_counted() -> None:
 
 
 def test_nominal_loses_nothing_against_itself_by_definition() -> None:
-    itself = found(fixed(0, 4, 3).shares, is_nominal=True).worse[SEPARATION]
+    itself = found(fixed(0, 4, 3).shares, settled=("it",)).worse[SEPARATION]
     another = found(fixed(0, 4, 3).shares).worse[SEPARATION]
     assert itself is not None
     assert another is not None

@@ -17,16 +17,16 @@ Source: paper, "Action-Conditioned Outcome and Trajectory Prediction"; spec/14-b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.prediction.inputs import ResultInputs
-from branchdrive.benchmark.prediction.metric.error import PATH_ERRORS, group_errors, group_mean
+from branchdrive.benchmark.prediction.metric.error import absolute_errors, group_mean
 from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
-from branchdrive.benchmark.prediction.metric.shuffle import shuffles
+from branchdrive.benchmark.prediction.metric.shuffle import Shuffle, shuffles
 from branchdrive.benchmark.protocol.protocol import Kind
 from branchdrive.driving.target import TARGETS
 from branchdrive.statistics.bca import Intervals, intervals
@@ -41,7 +41,8 @@ SHUFFLED_METRICS = ("macro_nmae", "ade_m")
 """Metrics that are looked at after a shuffle."""
 
 _NUM_TARGETS = len(TARGETS)
-_ADE = PATH_ERRORS.index("ade_m")
+_CELLS_AT_ONCE = 1 << 20
+"""Coordinates of shuffled paths that are looked at together: 8 MiB."""
 
 
 def diagnostic_results(inputs: ResultInputs) -> dict[str, Any]:
@@ -49,10 +50,15 @@ def diagnostic_results(inputs: ResultInputs) -> dict[str, Any]:
     protocol, part, judged = inputs.protocol, inputs.reported, inputs.judged
     declared = [model for model in judged if protocol.model(model) is not None]
     kinds = protocol.shuffles.kinds if len(part.groups) > 1 else ()
+    seeds = tuple(int(seed) for seed in protocol.shuffles.seeds)
+    drawn = {kind: tuple(shuffles(kind, *part.outcomes.complete.shape, seeds=seeds)) for kind in kinds}
     return {
         "spread": [_spread_record(model, part.outcomes, by_seed) for model, by_seed in judged.items()],
         "shuffles": [
-            record for model in declared for kind in kinds for record in _shuffle_records(inputs, model, kind)
+            record
+            for model in declared
+            for kind, of_kind in drawn.items()
+            for record in _shuffle_records(inputs, model, kind, of_kind)
         ],
     }
 
@@ -67,24 +73,27 @@ def _spread_record(model: str, outcomes: Outcomes, by_seed: Mapping[int, Predict
     }
 
 
-def _shuffle_records(inputs: ResultInputs, model: str, kind: Kind) -> list[dict[str, Any]]:
-    outcomes, given = inputs.reported.outcomes, list(inputs.judged[model].values())
-    size = outcomes.scalars.shape[:2]
+def _shuffle_records(inputs: ResultInputs, model: str, kind: Kind, drawn: Sequence[Shuffle]) -> list[dict[str, Any]]:
+    outcomes, given = inputs.reported.outcomes, inputs.judged[model].values()
+    units = np.append(inputs.scale.iqr, 1.0)
+    scalars, places = np.stack([each.scalars for each in given]), np.stack([each.paths[..., :2] for each in given])
 
-    def values(predicted: list[Predictions]) -> tuple[Array, Array]:
-        """Both metrics ``[2]`` and what they are made of ``[N, 7]``, means over seeds."""
-        units = np.append(inputs.scale.iqr, 1.0)
-        errors = [group_errors(outcomes, each) for each in predicted]
-        by_group = np.stack([np.column_stack([each.absolute, each.path[:, _ADE]]) for each in errors])
-        means = np.concatenate([counted_mean(np.ones((1, size[0])), each) for each in by_group]) / units
-        metrics = np.stack([means[:, :_NUM_TARGETS].mean(axis=1), means[:, _NUM_TARGETS]], axis=1)
-        return metrics.mean(axis=0), (by_group / units).mean(axis=0)
+    def values(of_seeds: Array) -> tuple[Array, Array]:
+        """Both metrics ``[Q, 2]`` and what they are made of ``[Q, N, 7]``, means over seeds ``[seeds, Q, N, 7]``."""
+        by_column = np.moveaxis(of_seeds, 2, 0).reshape(of_seeds.shape[2], -1)
+        means = counted_mean(np.ones((1, len(by_column))), by_column).reshape(*of_seeds.shape[:2], -1) / units
+        metrics = np.stack([means[..., :_NUM_TARGETS].mean(axis=-1), means[..., _NUM_TARGETS]], axis=-1)
+        return metrics.mean(axis=0), (of_seeds / units).mean(axis=0)
 
-    plain, by_group = values(given)
-    seeds = tuple(int(seed) for seed in inputs.protocol.shuffles.seeds)
-    found = [values([s.apply(each) for each in given]) for s in shuffles(kind, *size, seeds=seeds)]
-    shuffled = np.array([metrics for metrics, _ in found])
-    increase, ends = _increase(np.mean([of_groups - by_group for _, of_groups in found], axis=0), inputs.resampling)
+    (plain,), (by_group,) = values(absolute_errors(outcomes, scalars, places)[:, None])
+    at_once = max(1, _CELLS_AT_ONCE // places.size)
+    errors = []
+    for start in range(0, len(drawn), at_once):
+        part = drawn[start : start + at_once]
+        said = (np.stack([shuffle.apply(each) for shuffle in part], axis=1) for each in (scalars, places))
+        errors.append(absolute_errors(outcomes, *said))
+    shuffled, of_groups = values(np.concatenate(errors, axis=1))
+    increase, ends = _increase((of_groups - by_group).mean(axis=0), inputs.resampling)
     spread_of = shuffled.std(axis=0, ddof=1) if len(shuffled) > 1 else np.full(len(SHUFFLED_METRICS), np.nan)
     return [
         {

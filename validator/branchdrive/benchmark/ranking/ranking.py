@@ -21,7 +21,7 @@ Boundary".
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import combinations
+from itertools import combinations, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +60,9 @@ Mask = NDArray[np.bool_]
 SEPARATION = [target.name for target in TARGETS].index("min_separation_m")
 """Place of the minimum separation on the axis of targets."""
 
+
+_GROUPS_AT_ONCE = 1 << 12
+"""Groups of all selectors that are measured together: 3 MiB for each array over pairs of candidates."""
 
 _CLEAN_FIRST = 2.0
 """More than utilities, which are at most 1, can differ."""
@@ -192,17 +195,37 @@ def rank(
         selectors[CLEAN_ORACLE] = [by_score(utilities + _CLEAN_FIRST * clean[who.ranked])]
     best = measures(oracle, utilities, nominal=nominal)
     separation = outcomes.values[who.ranked, :, SEPARATION]
+    measured = iter(_measured([each for seeds in selectors.values() for each in seeds], utilities, nominal))
     entries = {
-        name: _entry(seeds, utilities, separation, best, nominal=nominal, reference=action_prior)
+        name: _entry(
+            seeds, tuple(islice(measured, len(seeds))), separation, best, nominal=nominal, reference=action_prior
+        )
         for name, seeds in selectors.items()
     }
     return Ranking(who, utilities, without_range(utilities), entries)
 
 
+def _measured(selectors: list[Selector], utilities: Array, nominal: int) -> list[Measures]:
+    """Measures of every selector; those of few groups are computed together."""
+    found: list[Measures] = []
+    at_once = max(1, _GROUPS_AT_ONCE // len(utilities))
+    for start in range(0, len(selectors), at_once):
+        part = selectors[start : start + at_once]
+        joined = Selector(*map(np.concatenate, zip(*part, strict=True)))
+        of_part = measures(joined, np.tile(utilities, (len(part), 1)), nominal=nominal)
+        found += map(Measures._make, zip(*(np.split(field, len(part)) for field in of_part), strict=True))
+    return found
+
+
 def _entry(
-    selectors: list[Selector], utilities: Array, separation: Array, oracle: Measures, *, nominal: int, reference: int
+    selectors: list[Selector],
+    seeds: tuple[Measures, ...],
+    separation: Array,
+    oracle: Measures,
+    *,
+    nominal: int,
+    reference: int,
 ) -> Entry:
-    seeds = tuple(measures(each, utilities, nominal=nominal) for each in selectors)
     mean = mean_measures(seeds)
     all_shares = np.stack([each.shares for each in selectors])
     shares = all_shares.mean(axis=0)

@@ -116,11 +116,12 @@ def figures(
     """
     names, place_of = np.unique(np.asarray(clusters, np.str_), return_inverse=True)
     draws = resampled_counts(len(names), seed=seed, stream=_STREAM, num_resamples=num_resamples)
+    drawn = _resampled({name: each for name, each in found.items() if name not in {*settled, *rates}}, place_of, draws)
 
     def figure(name: str, each: Terms) -> Figure:
         if name in settled:
             return _without_interval(each, place_of)
-        return _rate(each, place_of) if name in rates else _resampled(each, place_of, draws)
+        return _rate(each, place_of) if name in rates else drawn[name]
 
     return {name: figure(name, each) for name, each in found.items()}
 
@@ -138,16 +139,23 @@ def _rate(found: Terms, place_of: Indices) -> Figure:
     return figure._replace(low=low, high=high)
 
 
-def _resampled(found: Terms, place_of: Indices, draws: Array) -> Figure:
-    parts = (*found, np.ones(len(place_of)))
+def _resampled(found: Mapping[str, Terms], place_of: Indices, draws: Array) -> dict[str, Figure]:
+    parts = [np.ones(len(place_of)), *(part for each in found.values() for part in each)]
     by_cluster = np.stack([np.bincount(place_of, part, draws.shape[1]).astype(np.float64) for part in parts], axis=1)
-    whole = by_cluster.sum(axis=0)
-    if not whole[1] > RANGE * whole[2]:
-        return Figure(None, None, None, len(draws))
-    tops, bottoms, sizes = sums(draws, by_cluster).T
+    whole, drawn = by_cluster.sum(axis=0), sums(draws, by_cluster)
+    columns = {name: [0, 2 * place + 1, 2 * place + 2] for place, name in enumerate(found)}
+    return {name: _figure(whole[of_name], drawn[:, of_name].T) for name, of_name in columns.items()}
+
+
+def _figure(whole: Array, drawn: Array) -> Figure:
+    """A ratio of number of groups, numerator and denominator ``[3]`` and of those of resamples ``[3, resamples]``."""
+    num_groups, top, bottom = whole
+    if not bottom > RANGE * num_groups:
+        return Figure(None, None, None, drawn.shape[1])
+    sizes, tops, bottoms = drawn
     defined = bottoms > RANGE * sizes
     ratios = tops[defined] / bottoms[defined]
-    value, num_undefined = float(whole[0] / whole[1]), int((~defined).sum())
+    value, num_undefined = float(top / bottom), int((~defined).sum())
     if not len(ratios) or np.ptp(ratios) <= slack(np.abs(ratios).max()):
         return Figure(value, None, None, num_undefined)
     low, high = np.quantile(ratios, _PERCENTILES).tolist()

@@ -32,12 +32,12 @@ from branchdrive.benchmark.ranking.context import Contexts
 from branchdrive.benchmark.ranking.ending import ending_record, selected_endings
 from branchdrive.benchmark.ranking.measure import Measures, best_fixed
 from branchdrive.benchmark.ranking.noise import OutcomeNoise
-from branchdrive.benchmark.ranking.ranking import Entry, Gate, Ranking, rank
+from branchdrive.benchmark.ranking.ranking import Gate, Ranking, rank
 from branchdrive.benchmark.ranking.ratio import Terms, figures
 from branchdrive.benchmark.ranking.selected import selected_outcomes, selected_record
 from branchdrive.driving.utility import RANGE, Scale, utility
 from branchdrive.errors import DatasetError
-from branchdrive.statistics.bca import Intervals, intervals
+from branchdrive.statistics.bca import Intervals, intervals, ratio_intervals
 from branchdrive.statistics.bootstrap import Design, counted_mean
 from branchdrive.statistics.rounding import number, numbers
 
@@ -89,12 +89,11 @@ def ranking_results(
         rankings[name] = ranking
         added = _added_records(protocol, ranking, part.clusters)
         gates = _gate_records(protocol, {name: e.gate for name, e in ranking.entries.items()}, ranking, part.clusters)
+        outcomes = _outcomes_records(inputs, ranking, noise)
         entries = [
-            {**_entry_record(selector, entry, ranking, resampling), "gate": gates[selector], **added[selector]}
-            for selector, entry in ranking.entries.items()
+            {**record, "gate": gates[selector], **added[selector], **outcomes[selector]}
+            for selector, record in _entry_records(ranking, resampling).items()
         ]
-        for record, entry in zip(entries, ranking.entries.values(), strict=True):
-            record |= _outcomes_record(inputs, record["selector"], entry, ranking, noise)
         if (endings := _endings(inputs)) is not None:
             about["num_with_clean"] = int(endings.take(ranking.population.ranked).is_clean.any(axis=1).sum())
             for record, ends in zip(entries, _ending_records(inputs, endings, ranking), strict=True):
@@ -195,45 +194,51 @@ def ranked_profile(inputs: ResultInputs, name: str, contexts: Contexts | None) -
     }
 
 
-def _entry_record(selector: str, entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
-    values = np.stack([_spread_out(getattr(entry.measures, name), ranking) for name in MEASURES], axis=1)
-    parts = resampling.split(counted_mean(resampling, values))
+def _entry_records(ranking: Ranking, resampling: Design) -> dict[str, dict[str, Any]]:
+    """Every selector with its measures and their intervals, by its name."""
+    entries = ranking.entries
+    values = np.stack(
+        [_spread_out(getattr(entry.measures, name), ranking) for entry in entries.values() for name in MEASURES], axis=1
+    )
     there = ~np.isnan(values)
-    ends = intervals(*parts, there.sum(axis=0), resampling.clusters.num_there(there))
-    seed_means = [[float(getattr(seed, name).mean()) for seed in entry.seeds] for name in ("value", "regret")]
-    return {
-        "selector": selector,
-        **{name: number(parts[0][i]) for i, name in enumerate(MEASURES)},
-        "intervals": {name: _record(ends, i) for i, name in enumerate(MEASURES)},
-        "seed_sd": {
-            name: number(float(np.std(found, ddof=1))) if len(found) > 1 else None
-            for name, found in zip(("value", "regret"), seed_means, strict=True)
-        },
-        "agreement": None if entry.agreement is None else float(entry.agreement.mean()),
-        "num_actions": list(entry.num_actions),
-        "captured": number(entry.captured),
-        "captured_interval": None if entry.captured is None else _captured_interval(entry, ranking, resampling),
-    }
+    means, ends = ratio_intervals(resampling, np.where(there, values, 0.0), there.astype(np.float64), there)
+    captured = _captured_intervals(ranking, resampling)
+    found = {}
+    for place, (selector, entry) in enumerate(entries.items()):
+        column_of = {name: place * len(MEASURES) + i for i, name in enumerate(MEASURES)}
+        seed_means = [[float(getattr(seed, name).mean()) for seed in entry.seeds] for name in ("value", "regret")]
+        found[selector] = {
+            "selector": selector,
+            **{name: number(means[column]) for name, column in column_of.items()},
+            "intervals": {name: _record(ends, column) for name, column in column_of.items()},
+            "seed_sd": {
+                name: number(float(np.std(of_seeds, ddof=1))) if len(of_seeds) > 1 else None
+                for name, of_seeds in zip(("value", "regret"), seed_means, strict=True)
+            },
+            "agreement": None if entry.agreement is None else float(entry.agreement.mean()),
+            "num_actions": list(entry.num_actions),
+            "captured": number(entry.captured),
+            "captured_interval": None if entry.captured is None else captured[selector],
+        }
+    return found
 
 
-def _outcomes_record(
-    inputs: ResultInputs, selector: str, entry: Entry, ranking: Ranking, noise: OutcomeNoise | None
-) -> dict[str, Any]:
-    """What an entry has beside its measures: nothing where the protocol does not declare outcomes."""
+def _outcomes_records(inputs: ResultInputs, ranking: Ranking, noise: OutcomeNoise | None) -> dict[str, dict[str, Any]]:
+    """What selectors have beside their measures: nothing where the protocol does not declare outcomes."""
     declared = inputs.protocol.outcomes
     if declared is None:
-        return {}
+        return {name: {} for name in ranking.entries}
     found = selected_outcomes(
         inputs.reported.targets,
-        entry.shares,
+        {name: entry.shares for name, entry in ranking.entries.items()},
         ranking.population.ranked,
         inputs.resampling,
         nominal=inputs.data.nominal,
         contact_m=declared.contact_m,
         tolerance=None if noise is None else noise.tolerance,
-        is_nominal=selector == "nominal",
+        settled=("nominal",),
     )
-    return {"outcomes": selected_record(found)}
+    return {name: {"outcomes": selected_record(outcomes)} for name, outcomes in found.items()}
 
 
 def _endings(inputs: ResultInputs) -> Endings | None:
@@ -293,13 +298,18 @@ def _gate_records(
     }
 
 
-def _captured_interval(entry: Entry, ranking: Ranking, resampling: Design) -> dict[str, Any]:
-    """Of the captured share: a ratio of means over groups, resampled on both sides at once."""
-    both = [_spread_out(found.measures.difference, ranking) for found in (entry, ranking.entries["oracle"])]
-    gained, gap = np.split(counted_mean(resampling, np.stack(both, axis=1)), 2, axis=1)
-    found = resampling.split(np.divide(gained, gap, out=np.full_like(gap, np.nan), where=gap > RANGE))
+def _captured_intervals(ranking: Ranking, resampling: Design) -> dict[str, dict[str, Any]]:
+    """Of the captured shares: ratios of means over groups, resampled on both sides at once."""
+    differences = [_spread_out(entry.measures.difference, ranking) for entry in ranking.entries.values()]
+    means = counted_mean(resampling, np.stack(differences, axis=1))
+    gap = means[:, [list(ranking.entries).index("oracle")]]
+    shares = np.divide(means, gap, out=np.full_like(means, np.nan), where=gap > RANGE)
     ranked = ranking.population.ranked[:, None]
-    return _record(intervals(*found, ranked.sum(axis=0), resampling.clusters.num_there(ranked)), 0)
+    units = ranked.sum(axis=0), resampling.clusters.num_there(ranked)
+    return {
+        name: _record(intervals(*resampling.split(shares[:, [place]]), *units), 0)
+        for place, name in enumerate(ranking.entries)
+    }
 
 
 def _spread_out(values: Array, ranking: Ranking) -> Array:

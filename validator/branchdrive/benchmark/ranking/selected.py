@@ -20,6 +20,7 @@ outcomes); contacts, losses beyond noise and their intervals are this project's 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,8 +33,8 @@ from branchdrive.benchmark.ranking.ranking import SEPARATION
 from branchdrive.benchmark.ranking.ratio import rate_interval
 from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import TIE
-from branchdrive.statistics.bca import intervals
-from branchdrive.statistics.bootstrap import Design, ratio_of_sums
+from branchdrive.statistics.bca import ratio_intervals
+from branchdrive.statistics.bootstrap import Design
 from branchdrive.statistics.rounding import number
 
 __all__ = ["Rate", "SelectedOutcomes", "rate", "selected_outcomes", "selected_record"]
@@ -72,46 +73,50 @@ class SelectedOutcomes(NamedTuple):
 
 def selected_outcomes(
     outcomes: Targets,
-    shares: Array,
+    shares: Mapping[str, Array],
     ranked: Mask,
     resampling: Design,
     *,
     nominal: int,
     contact_m: float,
     tolerance: Array | None = None,
-    is_nominal: bool = False,
-) -> SelectedOutcomes:
-    """Outcomes of a selector over the ranked groups.
+    settled: Collection[str] = (),
+) -> dict[str, SelectedOutcomes]:
+    """Outcomes of selectors over the ranked groups, by their names.
 
     Args:
         outcomes: Of all reported groups ``[groups, candidates, 6]``.
-        shares: Shares of the ranked groups ``[ranked groups, candidates]``.
+        shares: By selector, shares of the ranked groups ``[ranked groups, candidates]``.
         ranked: Which groups are ranked ``[groups]``; in these every candidate has a separation.
         resampling: Of all reported groups.
         nominal: Place of the nominal candidate.
         contact_m: A separation of at most so much is a contact, metres.
         tolerance: Noise of repetition of every target ``[6]``, NaN where unknown; ``None`` where nothing is known.
-        is_nominal: Whether the selector is nominal itself, which loses nothing against itself whatever the outcomes.
+        settled: Selectors that lose nothing against nominal whatever the outcomes, as nominal itself.
     """
     there, place_of = outcomes.available[ranked], resampling.clusters.of_group[ranked]
     values = np.where(there, outcomes.values[ranked], 0.0)
-    weights = shares[..., None] * there
-    sums = np.zeros((2, len(ranked), len(TARGETS)))
-    sums[:, ranked] = (weights * values).sum(axis=1), weights.sum(axis=1)
-    parts = resampling.split(ratio_of_sums(resampling, *sums))
-    taken = sums[1] > 0
-    ends = intervals(*parts, taken.sum(axis=0), resampling.clusters.num_there(taken))
+    weights = {name: of_groups[..., None] * there for name, of_groups in shares.items()}
+    sums = np.zeros((2, len(ranked), len(shares), len(TARGETS)))
+    for place, each in enumerate(weights.values()):
+        sums[:, ranked, place] = (each * values).sum(axis=1), each.sum(axis=1)
+    above, under = sums.reshape(2, len(ranked), -1)
+    means, ends = ratio_intervals(resampling, above, under, under > 0)
     touches = values[..., SEPARATION] <= contact_m + TIE
-    contact = (shares * touches).sum(axis=1)
-    everyone = np.ones(len(shares))
-    return SelectedOutcomes(
-        parts[0],
-        1.0 - (shares[..., None] * ~there).sum(axis=(0, 1)) / len(shares),
-        tuple(Interval.of(ends, t) for t in range(len(TARGETS))),
-        _worse(values, there, weights, nominal, tolerance, place_of, has_interval=not is_nominal),
-        rate(contact, everyone, place_of),
-        rate(contact * ~touches.all(axis=1), everyone, place_of),
-    )
+    avoidable = ~touches.all(axis=1)
+    found = {}
+    for place, (name, of_groups) in enumerate(shares.items()):
+        columns = range(place * len(TARGETS), (place + 1) * len(TARGETS))
+        contact, everyone = (of_groups * touches).sum(axis=1), np.ones(len(of_groups))
+        found[name] = SelectedOutcomes(
+            means[columns.start : columns.stop],
+            1.0 - (of_groups[..., None] * ~there).sum(axis=(0, 1)) / len(of_groups),
+            tuple(Interval.of(ends, column) for column in columns),
+            _worse(values, there, weights[name], nominal, tolerance, place_of, has_interval=name not in settled),
+            rate(contact, everyone, place_of),
+            rate(contact * avoidable, everyone, place_of),
+        )
+    return found
 
 
 def _worse(

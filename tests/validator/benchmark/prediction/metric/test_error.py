@@ -7,7 +7,7 @@ import pytest
 from sklearn.metrics import mean_absolute_error
 from tests.validator.statistics.samples import outcomes, perfect, predictions
 
-from branchdrive.benchmark.prediction.metric.error import PATH_ERRORS, group_errors
+from branchdrive.benchmark.prediction.metric.error import PATH_ERRORS, absolute_errors, group_errors
 from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
 
 
@@ -92,6 +92,19 @@ def test_incomplete_paths_are_left_out() -> None:
     expected = group_errors(alone, Predictions.of(predicted.scalars[:1, kept], predicted.paths[:1, kept])).path
     np.testing.assert_allclose(found[0], expected[0])
     assert np.isnan(found[1]).all()
+
+
+def test_absolute_errors_of_many_predictions_are_those_of_each() -> None:
+    truth = outcomes(gaps=0.5)
+    complete = np.arange(truth.complete.size).reshape(truth.complete.shape) % 3 > 0
+    truth = Outcomes(truth.scalars, truth.available, truth.paths, complete)
+    several = [predictions(truth), Predictions(truth.scalars + 1.0, 2.0 * truth.paths)]
+    found = absolute_errors(
+        truth, np.stack([each.scalars for each in several]), np.stack([each.paths[..., :2] for each in several])
+    )
+    for of_one, predicted in zip(found, several, strict=True):
+        errors = group_errors(truth, predicted)
+        np.testing.assert_array_equal(of_one, np.column_stack([errors.absolute, errors.path[:, 0]]))
 
 
 def test_banks_of_another_size_are_refused() -> None:

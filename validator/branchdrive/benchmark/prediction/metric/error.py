@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from branchdrive.benchmark.prediction.metric.outcome import Outcomes, Predictions
 from branchdrive.driving.angle import wrap_rad
 
-__all__ = ["PATH_ERRORS", "GroupErrors", "group_errors", "group_mean"]
+__all__ = ["PATH_ERRORS", "GroupErrors", "absolute_errors", "group_errors", "group_mean"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -69,10 +69,25 @@ def group_errors(outcomes: Outcomes, predictions: Predictions) -> GroupErrors:
     )
 
 
+def absolute_errors(outcomes: Outcomes, scalars: Array, places: Array) -> Array:
+    """Mean absolute errors of the targets and ADE of many predictions ``[.., N, 7]``, NaN where there is none.
+
+    Args:
+        outcomes: Of ``N`` groups.
+        scalars: ``[.., N, A, 6]``.
+        places: ``x`` and ``y`` of paths ``[.., N, A, 10, 2]``.
+    """
+    away = places - outcomes.paths[..., :2]
+    distance = np.hypot(away[..., 0], away[..., 1]).mean(axis=-1)
+    errors = np.concatenate([np.abs(scalars - outcomes.scalars), distance[..., None]], axis=-1)
+    return group_mean(errors, np.concatenate([outcomes.available, outcomes.complete[..., None]], axis=-1))
+
+
 def group_mean(values: Array, mask: Mask) -> Array:
-    """Mean over the candidates of a mask: ``[N, A, K]`` to ``[N, K]``, NaN where there is none."""
-    count = np.broadcast_to(mask, values.shape).sum(axis=1)
-    total = np.where(mask, values, 0.0).sum(axis=1)
+    """Mean over the candidates of a mask ``[N, A, K]``: ``[.., N, A, K]`` to ``[.., N, K]``, NaN for none."""
+    count = np.broadcast_to(mask, mask.shape[:-1] + values.shape[-1:]).sum(axis=-2)
+    total = np.where(mask, values, 0.0).sum(axis=-2)
+    count = np.broadcast_to(count, total.shape)
     return np.asarray(np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0))
 
 

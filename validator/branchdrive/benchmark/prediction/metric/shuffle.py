@@ -21,12 +21,12 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.protocol.protocol import Kind
 from branchdrive.statistics.random_words import orders, words
 
 __all__ = ["KINDS", "SEEDS", "Shuffle", "derangements", "shuffles"]
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -47,10 +47,13 @@ class Shuffle(NamedTuple):
     candidate: Index
     history: Index
 
-    def apply(self, predictions: Predictions) -> Predictions:
-        """What a model that predicts one (history, action) at a time says after the shuffle."""
-        rows = self.history[:, None]
-        return Predictions(predictions.scalars[rows, self.candidate], predictions.paths[rows, self.candidate])
+    def apply(self, predicted: Array) -> Array:
+        """What models that predict one (history, action) at a time say after the shuffle ``[models, N, A, ...]``.
+
+        Args:
+            predicted: What several models said ``[models, N, A, ...]``.
+        """
+        return predicted[:, self.history[:, None], self.candidate]
 
 
 def shuffles(kind: Kind, num_groups: int, num_candidates: int, *, seeds: tuple[int, ...] = SEEDS) -> Iterator[Shuffle]:
