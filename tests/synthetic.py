@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 from tests.content_cache import kept
 from tests.scenes import SCENES
 
@@ -41,7 +42,7 @@ __all__ = [
     "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",
     "Tables", "bare_descriptor", "bare_tables", "base_tables", "concat", "descriptor", "evidence_columns",
     "group_name", "make_group", "media_descriptor", "media_tables", "plans",
-    "route_polyline", "seal_dataset", "shared", "to_table", "write_dataset",
+    "route_polyline", "seal_dataset", "shared", "to_table", "with_few_attempts", "write_dataset",
 ]  # fmt: skip
 
 SHARDS = {"raw/shard-00000": (0, 1), "raw/shard-00001": (2,)}
@@ -104,6 +105,30 @@ def bare_descriptor() -> dict[str, Any]:
     """Descriptor document of `bare_tables`."""
     document = descriptor()
     return {**document, "streams": [name for name in document["streams"] if name != "actor_risk_evidence"]}
+
+
+FEW_ACTIONS = ("nominal", "brake_0.50", "steer_left_0.10")
+"""Actions of `with_few_attempts`."""
+
+
+def with_few_attempts(tables: Mapping[str, Tables]) -> dict[str, Tables]:
+    """The same shards with a nominal pass, its replays and two interventions of every group.
+
+    For tests that read, copy or judge a whole dataset many times and ask nothing of its number of attempts.
+    """
+
+    def few(shard: Tables) -> Tables:
+        attempts = shard["rollouts"]
+        kept = attempts.filter(pc.is_in(attempts["action_key"].cast(pa.string()), pa.array(FEW_ACTIONS)))
+        ids = kept["rollout_id"].cast(pa.string()).combine_chunks()
+        return {
+            name: rows.filter(pc.is_in(rows["rollout_id"].cast(pa.string()), ids))
+            if "rollout_id" in rows.column_names
+            else rows
+            for name, rows in shard.items()
+        }
+
+    return shared({folder: few(shard) for folder, shard in tables.items()})
 
 
 _shared: dict[int, tuple[pa.Table, dict[str, bytes]]] = {}

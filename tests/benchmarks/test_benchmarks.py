@@ -175,6 +175,7 @@ def test_validation_is_measured_with_its_start_up_growth_memory_and_layers(
     assert all(re.fullmatch(RATIO, row.measured) for row in rows if over in row.what)
 
 
+@THOROUGH
 def test_highway_env_runs_with_as_many_vehicles() -> None:
     pytest.importorskip("highway_env")
     found = highway_env.compare(num_rollouts=1, num_ticks=5, repeats=1)

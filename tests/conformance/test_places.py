@@ -1,6 +1,6 @@
 """Cases say the same in every place: in memory, in a bucket, in an archive, and from a cache.
 
-`make thorough` judges a tenth of them in all of these, `make test` a few, each in one place.
+`make thorough` judges a tenth of them in all of these, `make test` one in each.
 """
 
 from __future__ import annotations
@@ -101,9 +101,10 @@ def test_some_cases_say_the_same_in_a_place_each(server: BucketServer, tmp_path:
     for case in load_cases(cases_dir()):
         if drawn(case) % FEW == 0:
             kind = KINDS[drawn(case) // FEW % len(KINDS)]
-            tried[kind] += compare(case, tmp_path / "case", (kind,), server)
-            shutil.rmtree(tmp_path / "case")
-    assert min(tried[kind] for kind in KINDS) >= 1
+            if not tried[kind]:
+                tried[kind] += compare(case, tmp_path / "case", (kind,), server)
+                shutil.rmtree(tmp_path / "case")
+    assert tried == dict.fromkeys(KINDS, 1)
 
 
 @THOROUGH

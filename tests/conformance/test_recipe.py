@@ -61,7 +61,7 @@ def edited(draw: st.DrawFn) -> pa.Table:
 
 
 @given(table=edited())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_a_recipe_leads_to_the_table_that_it_was_made_from(table: pa.Table, tmp_path_factory: Any) -> None:
     folder = tmp_path_factory.mktemp("tables")
     for name, content in (("base", BASE), ("changed", table)):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.sampling import THOROUGH
 
 import branchdrive as bd
 from branchdrive.collector.drive import drive
@@ -90,6 +91,7 @@ def test_the_filmed_world_shows_vehicles_where_the_camera_has_them() -> None:
     assert pixels[96, 64].tolist() == [200, 200, 0]  # the ego
 
 
+@THOROUGH  # the test before it: the film shows what is there
 def test_filmed_groups_are_valid(tmp_path: Path) -> None:
     import examples.highway_env.filmed as filmed
 

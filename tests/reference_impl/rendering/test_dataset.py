@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from tests.reference_impl.rendering.small import SMALL
 from tests.sampling import sampled
-from tests.synthetic import base_tables, descriptor, write_dataset
+from tests.synthetic import base_tables, descriptor, with_few_attempts, write_dataset
 from tests.synthetic_map import map_descriptor, map_tables
 
 from branchdrive import open_dataset, validate
@@ -39,9 +39,9 @@ CONTROLS = "raw/shard-00000/controls.parquet"
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two shards with maps and without media."""
+    """Two shards with maps, few attempts and no media."""
     root = tmp_path_factory.mktemp("bare") / "dataset"
-    write_dataset(root, map_tables(), map_descriptor())
+    write_dataset(root, with_few_attempts(map_tables()), map_descriptor())
     return root
 
 
@@ -164,7 +164,7 @@ def test_a_plan_is_compared_until_files_take_their_places(
 def test_all_observations_are_found_done_where_a_camera_drops_an_image(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    copy, (*_, shard) = tmp_path / "dataset", map_tables().items()
+    copy, (*_, shard) = tmp_path / "dataset", with_few_attempts(map_tables()).items()
     write_dataset(copy, dict([shard]), map_descriptor())
     plan = MediaPlan((SMALL, ABOVE), "all")
     monkeypatch.setattr(
@@ -225,10 +225,10 @@ def test_media_that_do_not_fit_on_the_disk_are_refused(
 def test_an_archive_that_the_format_does_not_allow_is_refused_before_anything_is_rendered(
     copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = replace(spec_limits(), max_media_bytes=1_000_000)
+    small = replace(spec_limits(), max_media_bytes=300_000)
     monkeypatch.setattr("branchdrive_reference.rendering.dataset.spec_limits", lambda: small)
     before = files(copy)
-    with pytest.raises(ContractError, match="more than 1,000,000 bytes"):
+    with pytest.raises(ContractError, match="more than 300,000 bytes"):
         render_dataset(copy, PLAN, watch=lambda *_: pytest.fail("it renders"))
     assert files(copy) == before
 
@@ -306,7 +306,7 @@ def test_the_command_says_what_it_did(
     code, out, err = command(bare, "--output", tmp_path / "out", "--streams", "semantic_bev")
     assert (code, err) == (0, "")
     assert out.startswith("routes    ")
-    assert "\ngroups    3 rendered, 0 found rendered\nimages    1,196 in " in out
+    assert "\ngroups    3 rendered, 0 found rendered\nimages    416 in " in out
     assert rendered.identity in out
     assert files(tmp_path / "out") == files(rendered.root)
 

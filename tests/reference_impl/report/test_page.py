@@ -196,8 +196,8 @@ def test_a_dataset_without_a_document_is_reported_all_the_same(name: str, datase
 
 
 def test_camera_images_are_those_of_the_dataset(tmp_path: Path) -> None:
-    root = tmp_path / "d"
-    synthetic.write_dataset(root, synthetic.media_tables(), synthetic.media_descriptor())
+    root, tables = tmp_path / "d", synthetic.with_few_attempts(synthetic.media_tables())
+    synthetic.write_dataset(root, tables, synthetic.media_descriptor())
     page = made(root, tmp_path / "report.html")
     group = open_dataset(root).group("g0")
     (first,) = [found for found in page.groups if found["name"] == "g0"]
@@ -215,8 +215,8 @@ def test_camera_images_are_those_of_the_dataset(tmp_path: Path) -> None:
 
 
 def test_images_stay_within_their_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = tmp_path / "d"
-    synthetic.write_dataset(root, synthetic.media_tables(), synthetic.media_descriptor())
+    root, tables = tmp_path / "d", synthetic.with_few_attempts(synthetic.media_tables())
+    synthetic.write_dataset(root, tables, synthetic.media_descriptor())
     monkeypatch.setattr(gallery, "IMAGE_BYTES", 9000)
     page = made(root, tmp_path / "report.html")
     sizes = [sum(len(image["uri"]) for image in group["images"]) for group in page.groups]
@@ -227,8 +227,8 @@ def test_an_image_that_is_none_is_left_out_and_said(tmp_path: Path, monkeypatch:
     def refused(content: bytes) -> object:
         raise DecodeError("46 bytes behind its end marker; expected a whole JPEG")
 
-    root = tmp_path / "d"
-    synthetic.write_dataset(root, synthetic.media_tables(), synthetic.media_descriptor())
+    root, tables = tmp_path / "d", synthetic.with_few_attempts(synthetic.media_tables())
+    synthetic.write_dataset(root, tables, synthetic.media_descriptor())
     monkeypatch.setattr("branchdrive_reference.report.images.image_header", refused)
     page = made(root, tmp_path / "report.html")
     for group in page.groups:

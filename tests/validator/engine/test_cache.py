@@ -73,7 +73,9 @@ def without_cache(report: Report) -> str:
 
 SITUATIONS: dict[str, Callable[[Path], Path]] = {
     "valid": write,
-    "media": lambda root: write(root, synthetic.media_tables(), synthetic.media_descriptor()),
+    "media": lambda root: write(
+        root, synthetic.with_few_attempts(synthetic.media_tables()), synthetic.media_descriptor()
+    ),
     "bare": lambda root: write(root, synthetic.bare_tables(), synthetic.bare_descriptor()),
     "invalid": lambda root: write(root, DEPARTURES["speed out of range"].tables()),
     "repeated attempts": lambda root: write(
@@ -167,10 +169,18 @@ DAMAGES: dict[str, Callable[[Path, Path], object]] = {
 }
 
 
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, str]:
+    """A dataset, a cache of its results, and its report; none of them to be changed."""
+    root, cache = write(tmp_path_factory.mktemp("filled") / "dataset"), tmp_path_factory.mktemp("filled") / "cache"
+    return root, cache, without_cache(validate(root, cache=Cache(cache)))
+
+
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_entry_is_none(damage: str, tmp_path: Path, counting: Counting) -> None:
-    root, cache = write(tmp_path / "dataset"), Cache(tmp_path / "cache")
-    expected = without_cache(validate(root, cache=cache))
+def test_a_damaged_entry_is_none(
+    damage: str, filled: tuple[Path, Path, str], tmp_path: Path, counting: Counting
+) -> None:
+    root, cache, expected = filled[0], Cache(shutil.copytree(filled[1], tmp_path / "cache")), filled[2]
     DAMAGES[damage](*entries(cache))
     counting.num_shards = 0
     report = validate(root, cache=cache)

@@ -44,7 +44,7 @@ NUM_CHANGES = {
 """Changes of documents that are large or costly to judge; of the others `MOST`."""
 MOST = 100
 
-SHARES = [6, pytest.param(1, marks=pytest.mark.thorough)]
+SHARES = [15, pytest.param(1, marks=pytest.mark.thorough)]
 """One of so many changes is made."""
 
 

@@ -72,9 +72,9 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[BucketServer]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The valid dataset with media, which no test changes."""
-    folder = tmp_path_factory.mktemp("places") / "drive"
-    synthetic.write_dataset(folder, synthetic.media_tables(), synthetic.media_descriptor())
+    """A valid dataset with media and few attempts, which no test changes."""
+    folder, tables = tmp_path_factory.mktemp("places") / "drive", synthetic.with_few_attempts(synthetic.media_tables())
+    synthetic.write_dataset(folder, tables, synthetic.media_descriptor())
     return folder
 
 
@@ -106,12 +106,12 @@ def test_reports_on_a_raw_dataset_are_equal(raw: Places, expected: dict[str, Any
     assert told(raw.at(kind)) == expected
 
 
-@pytest.mark.parametrize("kind", ["bucket", "archive"])
+@pytest.mark.parametrize("kind", sampled(["bucket", "archive"], every=2))
 def test_reports_of_worker_processes_are_equal(raw: Places, expected: dict[str, Any], kind: str) -> None:
     assert told(raw.at(kind), executor=isolated(1)) == expected
 
 
-@pytest.mark.parametrize("kind", ["bucket", "archive"])
+@pytest.mark.parametrize("kind", sampled(["bucket", "archive"], every=2))
 def test_a_cache_serves_every_place(raw: Places, expected: dict[str, Any], tmp_path: Path, kind: str) -> None:
     folder, taken = tmp_path / "cache", []
     for place in (raw.at(kind), raw.folder, raw.at(kind)):
@@ -249,7 +249,8 @@ def test_what_changes_after_the_listing_is_a_finding_on_its_file(
     CHANGES[change](server.objects, f"drive/{SHARD}/{name}")
     report = validate(store)
     assert report.verdict == "invalid"
-    files = {finding.location.get("file") for finding in report.findings}
+    incomplete = "BD-BNK-001"  # few attempts make no whole bank
+    files = {finding.location.get("file") for finding in report.findings if finding.rule != incomplete}
     assert files == {f"{SHARD}/{name}"}
     how = "removed" if change == "removed" else "changed"
     assert any(f"was {how} after it was listed" in finding.message for finding in report.findings)

@@ -15,13 +15,13 @@ from branchdrive.pilot.pilot import Pilot, read_pilot
 
 @pytest.fixture(scope="session")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tables of every group in a folder of its own, and the descriptor; read-only by agreement."""
+    """Few attempts of every group in a folder of its own, and the descriptor; read-only by agreement."""
     root = tmp_path_factory.mktemp("source")
     (root / "branchdrive.json").write_bytes(dump_json(synthetic.descriptor()))
     for index in range(3):
         folder = root / synthetic.group_name(index)
         folder.mkdir()
-        for name, table in synthetic.make_group(index).items():
+        for name, table in synthetic.with_few_attempts({"": synthetic.make_group(index)})[""].items():
             (folder / f"{name}.parquet").write_bytes(encode_table(table))
     return root
 

@@ -75,8 +75,8 @@ CONSEQUENCES = ("conformance", "funnel", "routes")
 
 QUICK = {
     "minimal": (),
-    "template": (mistakes.LateCommands,),
-    "short": (mistakes.SpeedInKmh, mistakes.MirroredSteering, mistakes.EarlyByATick, mistakes.IgnoredCommands),
+    "template": (),
+    "short": (mistakes.SpeedInKmh, mistakes.EarlyByATick, mistakes.IgnoredCommands),
 }  # fmt: skip
 """Worlds that `make test` collects, and mistakes that it plants into them."""
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.sampling import sampled
 from tests.validator.writer.invented import (
     ATTEMPTS,
     branch_fields,
@@ -52,7 +53,7 @@ def counted(work: Callable[[], object]) -> dict[str, int]:
 
 
 @pytest.mark.skipif(not COUNTERS.exists(), reason="the system counts no reads and writes of a process")
-@pytest.mark.parametrize("is_placed", [True, False])
+@pytest.mark.parametrize("is_placed", sampled([True, False], every=2))
 def test_the_thirtieth_shard_costs_what_the_third_does(tmp_path: Path, is_placed: bool) -> None:
     with open_writer(tmp_path) as writer:
         collect(writer, 0, is_placed=is_placed)  # what is loaded once
@@ -145,7 +146,9 @@ def overwritten(log: Path) -> None:
     log.write_bytes(content)
 
 
-@pytest.mark.parametrize("damage", [without_log, by_an_earlier_version, cut_off, overwritten], ids=lambda d: d.__name__)
+@pytest.mark.parametrize(
+    "damage", sampled([without_log, by_an_earlier_version, cut_off, overwritten], every=2), ids=lambda d: d.__name__
+)
 def test_whatever_becomes_of_the_log_the_dataset_is_the_same(tmp_path: Path, damage: Callable[[Path], None]) -> None:
     write_dataset(tmp_path / "expected", 4, groups_per_shard=1)
     root = tmp_path / "d"

@@ -177,13 +177,18 @@ def test_mutants_say_where() -> None:
 
 @pytest.mark.parametrize("rule", [rule for rule in CATALOGUE.values() if rule.consequences], ids=lambda rule: rule.id)
 def test_declared_consequences_are_real(rule: RuleInfo) -> None:
-    """Each is broken by a defect of the rule, so that a declaration never outlives its reason."""
+    """Each is broken by a defect of the rule, so that a declaration never outlives its reason.
+
+    That no defect breaks others is shown where each is judged.
+    """
     seen: set[str] = set()
     for mutant in (mutant for mutant in MUTANTS if mutant.rule == rule.id):
         seen |= {tally.rule_id for tally in report_on(mutant).tallies if tally.status == "fail"} - {rule.id}
         if mutant.is_release:
             seen -= INHERITED
-    seen -= RECOMMENDED
+        seen -= RECOMMENDED
+        if seen >= set(rule.consequences):
+            break
     assert seen == set(rule.consequences)
 
 
