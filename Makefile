@@ -87,7 +87,8 @@ compat: setup
 ## install the extra ray, and run the tests that need it
 ray: setup
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[ray]"
-	$(BIN)/pytest -q tests/validator/runtime/test_ray_executor.py tests/repo/test_operators_page.py
+	$(BIN)/pytest -q tests/validator/runtime/test_ray_executor.py tests/repo/test_operators_page.py \
+		tests/reference_impl/collect/test_on_ray.py tests/reference_impl/benchmark/test_on_ray.py
 
 ## the part of compat that continuous integration runs
 compat-quick: setup

@@ -18,6 +18,7 @@ from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
+from branchdrive.runtime.executor import Executor
 from branchdrive_reference.benchmark.document import waiting_risks
 from branchdrive_reference.benchmark.guard.fold import fit_guard, fold_tasks
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, lock_facts
@@ -67,6 +68,7 @@ def train_step(
     *,
     models: Sequence[str] | None,
     jobs: int,
+    executor: Executor | None = None,
     device: str,
     with_guard: bool,
     progress: Progress,
@@ -89,14 +91,14 @@ def train_step(
         need_scikit_learn()
     num_there = len(tasks) - len(missing)
     with progress("training") as show:
-        train(release, workspace.checkpoints, tasks, jobs=jobs, device=device, show=show)
+        train(release, workspace.checkpoints, tasks, jobs=jobs, executor=executor, device=device, show=show)
     models_s, begin = time.monotonic() - begin, time.monotonic()
     if folds and _has_risk(workspace, protocol):
         folds = []
     if folds:
         num_anew += drop_stale(workspace.folds, folds)
         with progress("training folds of the guard") as show:
-            train(release, workspace.folds, folds, jobs=jobs, device=device, show=show)
+            train(release, workspace.folds, folds, jobs=jobs, executor=executor, device=device, show=show)
         fit_guard(workspace, protocol, benchmark_data(release), device=device)
     delete(workspace.folds)
     return Trained(len(tasks), num_there, num_anew, models_s, len(folds), time.monotonic() - begin)

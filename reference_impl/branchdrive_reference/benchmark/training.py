@@ -9,6 +9,7 @@ from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.durable import delete
+from branchdrive.runtime.executor import Executor
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.configuration import MODEL_VERSION, Configuration
@@ -64,10 +65,19 @@ def _is_current(file: Path, task: Task) -> bool:
 
 
 def train(
-    release: Release, folder: Path, tasks: Sequence[Task], *, jobs: int, device: str, show: Update
+    release: Release,
+    folder: Path,
+    tasks: Sequence[Task],
+    *,
+    jobs: int,
+    executor: Executor | None,
+    device: str,
+    show: Update,
 ) -> list[Checkpoint]:
     """Train the tasks, or go on where a training was interrupted; see `train_models`."""
-    return train_models(release.root, folder, tasks, jobs=jobs, device=device, on_epoch=_watch(tasks, show))
+    return train_models(
+        release.root, folder, tasks, jobs=jobs, executor=executor, device=device, on_epoch=_watch(tasks, show)
+    )
 
 
 def _watch(tasks: Sequence[Task], show: Update) -> Callable[[EpochReport], None]:

@@ -24,6 +24,7 @@ from branchdrive.contract.descriptor import (
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH, encoding_digest
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.interrupt import deferred_interrupt
 from branchdrive.runtime.progress import unwatched
 from branchdrive.writer.writer import DatasetWriter
@@ -49,6 +50,7 @@ def collect(
     scenario_types: Sequence[str] = (),
     part: tuple[int, int] = WHOLE,
     jobs: int = 1,
+    executor: Executor | None = None,
     resume: bool = False,
     foresee: Callable[[DiskNeed], None] = unwatched,
     watch: Callable[[int, int], None] = unwatched,
@@ -65,6 +67,7 @@ def collect(
         scenario_types: Scenario types to plan; all registered ones by default.
         part: K and N, from 1: part K of N of the groups, whole shards.
         jobs: Worker processes; 1 works in this process.
+        executor: What collects groups instead of these; the folder is on all of its machines.
         resume: Whether the folder must hold this collection already.
         foresee: Called with the room that the groups still take, before the first of them.
         watch: Called with the number of finished groups and of ticks executed by this run, at the
@@ -97,7 +100,7 @@ def collect(
             need.check(root)
             foresee(need)
 
-        return run_campaign(writer, plans, execute_group, jobs=jobs, prepare=prepare, watch=watch)
+        return run_campaign(writer, plans, execute_group, jobs=jobs, executor=executor, prepare=prepare, watch=watch)
 
 
 def town_maps() -> dict[str, tuple[Element, ...]]:

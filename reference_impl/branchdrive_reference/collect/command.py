@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
 from branchdrive.cli.build import seed
+from branchdrive.cli.executor import add_executor_argument, engine_of, engine_text
 from branchdrive.cli.place import folder
 from branchdrive.cli.progress import Update, progress_bar
 from branchdrive.cli.validate import in_range
@@ -103,6 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     work = parser.add_argument_group("how to work")
     work.add_argument("--jobs", metavar="J", type=in_range(1, _MAX_COUNT), help="worker processes (default: 1)")
+    add_executor_argument(work)
     work.add_argument(
         "--output",
         metavar="URL",
@@ -196,6 +198,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                     scenario_types=chosen.scenario_types,
                     part=args.part,
                     jobs=args.jobs or 1,
+                    executor=engine_of(args),
                     resume=args.resume,
                     foresee=foresee,
                     watch=note,
@@ -262,7 +265,7 @@ def _render(args: argparse.Namespace, show: Update) -> RenderReport:
     from branchdrive_reference.collect.media import default_media
     from branchdrive_reference.rendering.dataset import render_dataset
 
-    return render_dataset(args.out, default_media(), jobs=args.jobs or 1, watch=show)
+    return render_dataset(args.out, default_media(), jobs=args.jobs or 1, executor=engine_of(args), watch=show)
 
 
 def _command_line(args: argparse.Namespace) -> str:
@@ -273,6 +276,7 @@ def _command_line(args: argparse.Namespace) -> str:
         "--part": None if args.part == WHOLE else args.part,
         "--seed": args.seed,
         "--jobs": args.jobs,
+        "--executor": engine_text(args),
         "--replay-noise": args.replay_noise,
         "--faults": args.faults,
         "--branches": args.branches,

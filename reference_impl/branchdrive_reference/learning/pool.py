@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 from branchdrive.errors import UsageError
 from branchdrive.model.reader import ModelLayer, open_model
+from branchdrive.runtime.elsewhere import unseen_error
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.progress import unwatched
 from branchdrive.runtime.workers import run_each
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path, read_checkpoint
@@ -69,6 +71,7 @@ def train_models(
     tasks: Sequence[Task],
     *,
     jobs: int = 1,
+    executor: Executor | None = None,
     device: str = "cpu",
     on_epoch: Callable[[EpochReport], None] = unwatched,
 ) -> list[Checkpoint]:
@@ -79,6 +82,7 @@ def train_models(
         folder: Where checkpoints are written.
         tasks: Models and seeds, none twice.
         jobs: Processes; 1 is this process.
+        executor: What trains instead of these; release and folder are on all of its machines.
         device: ``cpu``, ``cuda`` or ``auto``.
         on_epoch: Called in this process after every epoch of every task.
 
@@ -88,10 +92,11 @@ def train_models(
     Raises:
         UsageError: As `train_model`, or two tasks have one name.
         DatasetError: As `train_model`.
-        WorkerError: A worker process died.
+        ToolError: A worker process died.
+        PlatformError: Another machine has trained what this one does not see.
         KeyboardInterrupt: The user interrupted; every training can go on.
     """
-    training = _Training(str(release), str(folder), device)
+    training = _Training(Path(release), Path(folder), device)
     _ = training.layer  # what is no release is refused before a process starts
     paths = [task.path(Path(folder)) for task in tasks]
     if len(set(paths)) < len(tasks):
@@ -100,8 +105,13 @@ def train_models(
     for task in itertools.compress(tasks, there):
         training(task, on_epoch)  # which trains nothing, and refuses what is of another training
     missing = [task for task, is_there in zip(tasks, there, strict=True) if not is_there]
-    for _ in run_each(training, missing if jobs == 1 else _longest_first(missing), jobs=jobs, watch=on_epoch):
+    if jobs > 1 or executor is not None:
+        missing = _longest_first(missing)
+    for _ in run_each(training, missing, jobs=jobs, executor=executor, watch=on_epoch):
         pass
+    for task in missing:
+        if not task.path(Path(folder)).exists():
+            raise unseen_error(f"{folder}: {task.name}")
     return [read_checkpoint(path) for path in paths]
 
 
@@ -109,8 +119,8 @@ def train_models(
 class _Training:
     """Trains a task's model in whichever process."""
 
-    release: str
-    folder: str
+    release: Path
+    folder: Path
     device: str
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -7,6 +7,7 @@ import shlex
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.executor import add_executor_argument, engine_of
 from branchdrive.cli.output import check_output
 from branchdrive.cli.place import folder
 from branchdrive.cli.progress import Update, progress_bar
@@ -55,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the 26 observations around the branch, or every observation (default: branch)",
     )
     parser.add_argument("--jobs", metavar="J", type=in_range(1, 1024), default=1, help="worker processes (default: 1)")
+    add_executor_argument(parser)
 
 
 def chosen_streams(text: str) -> tuple[str, ...]:
@@ -103,7 +105,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                     show = stack.enter_context(progress_bar(stderr, "rendering groups"))
                 show(num_done, num_groups)
 
-            report = render_dataset(args.dataset, plan, output=args.output, jobs=args.jobs, watch=watch)
+            report = render_dataset(
+                args.dataset, plan, output=args.output, jobs=args.jobs, executor=engine_of(args), watch=watch
+            )
     except KeyboardInterrupt as interrupt:
         stderr.write(f"interrupted; {done} of {total} groups are rendered; run the same command again to go on\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))

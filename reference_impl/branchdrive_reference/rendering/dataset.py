@@ -8,8 +8,9 @@ the same call, at any point.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from branchdrive.contract.columns import TABLES
@@ -42,6 +43,8 @@ from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.release.publish import RENDER_DIR, staging
+from branchdrive.runtime.elsewhere import unseen_error
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.progress import unwatched
 from branchdrive_reference.rendering.group import joined_pieces, piece_paths
 from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, plan_text, with_media
@@ -83,6 +86,7 @@ def render_dataset(
     *,
     output: Path | None = None,
     jobs: int = 1,
+    executor: Executor | None = None,
     watch: Callable[[int, int], None] = unwatched,
 ) -> RenderReport:
     """Add media to the dataset at `root`, or go on where a run was interrupted.
@@ -92,6 +96,7 @@ def render_dataset(
         plan: What is rendered.
         output: Folder of a copy of the raw layer that gets them instead; of `root` nothing is changed then.
         jobs: Worker processes; 1 works in this process.
+        executor: What renders groups instead of these; the dataset's folder is on all of its machines.
         watch: Called with the numbers of finished and of all groups.
 
     Raises:
@@ -107,7 +112,7 @@ def render_dataset(
     if output is not None and output.resolve() != root.resolve():
         source, dataset = dataset, Folder.at(output)
         _copy(source, dataset)
-    return _Rendering(dataset, plan, jobs, watch).run()
+    return _Rendering(dataset, plan, partial(render_groups, jobs=jobs, executor=executor), watch).run()
 
 
 def _manifest(dataset: Folder) -> Manifest:
@@ -119,8 +124,14 @@ def _manifest(dataset: Folder) -> Manifest:
 class _Rendering:
     """One run over a dataset."""
 
-    def __init__(self, dataset: Folder, plan: MediaPlan, jobs: int, watch: Callable[[int, int], None]) -> None:
-        self._dataset, self._plan, self._jobs, self._watch = dataset, plan, jobs, watch
+    def __init__(
+        self,
+        dataset: Folder,
+        plan: MediaPlan,
+        render: Callable[[Path, MediaPlan, Sequence[Task]], Iterable[Task]],
+        watch: Callable[[int, int], None],
+    ) -> None:
+        self._dataset, self._plan, self._render_groups, self._watch = dataset, plan, render, watch
         self._root = dataset.root
         self._num_found = self._num_groups = 0
 
@@ -230,7 +241,9 @@ class _Rendering:
         self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._dataset))
         self._num_found = self._num_groups - len(missing)
         self._watch(self._num_found, self._num_groups)
-        for done, _ in enumerate(render_groups(self._root, self._plan, missing, jobs=self._jobs), start=1):
+        for done, task in enumerate(self._render_groups(self._root, self._plan, missing), start=1):
+            if not piece_paths(task.folder, task.number)[1].exists():
+                raise unseen_error(f"{self._root}: media of group {task.group_id!r}")
             self._watch(self._num_found + done, self._num_groups)
 
     def _join(self, area: Path, shard: Shard) -> None:

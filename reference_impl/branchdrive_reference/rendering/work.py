@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from branchdrive.raw.reader import open_dataset
 from branchdrive.runtime.environment import leave_out_pandas
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.workers import run_each
 from branchdrive_reference.rendering.group import GroupRenderer
 from branchdrive_reference.rendering.plan import MediaPlan
@@ -33,16 +34,18 @@ class Task(NamedTuple):
     group_id: str
 
 
-def render_groups(root: Path, plan: MediaPlan, tasks: Sequence[Task], *, jobs: int) -> Generator[Task, None, None]:
-    """Render groups of the dataset at `root`; yields those that are finished.
+def render_groups(
+    root: Path, plan: MediaPlan, tasks: Sequence[Task], *, jobs: int, executor: Executor | None = None
+) -> Generator[Task, None, None]:
+    """Render groups of the dataset at `root` in processes, or by an executor; yields those that are finished.
 
     Raises:
         UsageError: What is recorded of a group cannot be drawn.
         DatasetError: A file of the dataset cannot be read.
-        WorkerError: A worker process died.
+        ToolError: A worker process died.
         KeyboardInterrupt: The user interrupted; finished groups are kept.
     """
-    return run_each(_Rendering(root, plan), tasks, jobs=jobs, start=leave_out_pandas)
+    return run_each(_Rendering(root, plan), tasks, jobs=jobs, executor=executor, start=leave_out_pandas)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from tests.sampling import THOROUGH
 
 from branchdrive import UsageError, open_model
 from branchdrive.model.reader import ModelLayer
+from branchdrive.runtime.executor import isolated
 from branchdrive_reference.learning.pool import Task, train_models
 from branchdrive_reference.learning.training import EpochReport
 
@@ -21,7 +22,9 @@ def test_processes_change_no_bit(release: Path, tmp_path: Path) -> None:
     train_models(release, tmp_path / "there", tasks[2:])  # which is not trained again
     there = train_models(release, tmp_path / "there", tasks, jobs=2, on_epoch=seen.append)
     here = train_models(release, tmp_path / "here", tasks)
-    assert [found.sha256 for found in there] == [found.sha256 for found in here]
+    elsewhere = train_models(release, tmp_path / "elsewhere", tasks, executor=isolated(1))
+    for trained in (there, elsewhere):
+        assert [found.sha256 for found in trained] == [found.sha256 for found in here]
     assert [(found.provenance.model, found.provenance.seed) for found in there] == [("M1", 11), ("M3", 11), ("M3", 23)]
     assert sorted((one.model, one.seed, one.epoch) for one in seen) == [
         (task.configuration.model.name, task.seed, epoch) for task in tasks[:2] for epoch in range(1, 9)
@@ -39,13 +42,13 @@ def test_models_that_are_there_start_no_process(release: Path, tmp_path: Path, m
 def test_a_release_is_opened_once_in_a_process(release: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = []
 
-    def open_and_noted(root: str) -> ModelLayer:
+    def open_and_noted(root: Path) -> ModelLayer:
         opened.append(root)
         return open_model(root)
 
     monkeypatch.setattr("branchdrive_reference.learning.pool.open_model", open_and_noted)
     train_models(release, tmp_path, [Task(SMALL["M1"], 11)])
-    assert opened == [str(release)]
+    assert opened == [release]
 
 
 def test_an_error_in_one_process_stops_the_others(release: Path, tmp_path: Path) -> None:

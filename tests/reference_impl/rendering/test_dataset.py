@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shutil
 import tarfile
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -24,6 +26,8 @@ from branchdrive.formats.durable import move
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.release.publish import is_rendering
+from branchdrive.runtime.elsewhere import _Answer
+from branchdrive.runtime.executor import isolated
 from branchdrive_reference.rendering.dataset import RenderReport, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
@@ -205,9 +209,19 @@ def _interrupt(num_done: int, _: int) -> None:
 
 
 @pytest.mark.thorough
-def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport) -> None:
-    render_dataset(copy, PLAN, jobs=2)
+@pytest.mark.parametrize("how", [{"jobs": 2}, {"executor": isolated(2)}], ids=["processes", "executor"])
+def test_worker_processes_change_no_byte(copy: Path, rendered: RenderReport, how: dict[str, Any]) -> None:
+    render_dataset(copy, PLAN, **how)
     assert files(copy) == files(rendered.root)
+
+
+def test_images_that_are_drawn_where_nobody_sees_them_are_told_of(copy: Path) -> None:
+    def elsewhere(function: Any, tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
+        """A machine whose folder has the same name and is another."""
+        yield from ((index, _Answer([], task.task)) for index, task in enumerate(tasks))
+
+    with pytest.raises(PlatformError, match=r"media of group '.*' was finished on another machine"):
+        render_dataset(copy, PLAN, executor=elsewhere)
 
 
 @pytest.mark.parametrize("share", [0.5, 1.05])

@@ -32,7 +32,7 @@ from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_ow
 from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
 from branchdrive.release.spread_draw import SpreadDraw
-from branchdrive.runtime.executor import in_process
+from branchdrive.runtime.executor import in_process, isolated
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,11 @@ def test_it_finds_what_an_audit_here_finds(task_of: Any, audited_alone: tuple[An
     assert {step[1] for step in told} == {len(parts)}
 
 
-def test_processes_that_draw_change_no_bit(task_of: Any, audited_alone: tuple[Any, Parts, list[Step]]) -> None:
-    assert audit_in_own_process(replace(task_of(NOBODY), jobs=2), Parts()) == audited_alone[0]
+@pytest.mark.parametrize("how", [{"jobs": 2}, {"executor": isolated(1)}], ids=["its own", "an executor"])
+def test_processes_that_draw_change_no_bit(
+    task_of: Any, audited_alone: tuple[Any, Parts, list[Step]], how: dict[str, Any]
+) -> None:
+    assert audit_in_own_process(replace(task_of(NOBODY), **how), Parts()) == audited_alone[0]
 
 
 def test_a_process_that_has_others_compute_takes_no_inputs(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:

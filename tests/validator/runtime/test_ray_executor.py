@@ -9,13 +9,13 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
-from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 from benchmarks.memory import process_tree
+from tests.engines import needs_ray
 from tests.hostile_folder import infest, marks, run_command
 from tests.repo.checkout import ROOT
 from tests.validator.engine.datasets import write
@@ -31,10 +31,6 @@ from branchdrive.formats.pack import pack_dataset
 from branchdrive.formats.place import open_store
 from branchdrive.formats.private_folder import PrivateFolder
 from branchdrive.runtime.ray_executor import _places
-
-needs_ray = pytest.mark.skipif(
-    find_spec("ray") is None, reason="NOT TESTED: Ray is not installed, 80 MB; `make ray` installs it and runs this"
-)
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +109,7 @@ def test_a_release_of_several_parts_has_the_bytes_of_one_machine(tmp_path_factor
     built = said("built-in-parts", tmp_path_factory)
     assert built["ray"] == built["one process"]
     assert {f"model/contexts-train-0000{part}.parquet" for part in (0, 1)} <= built["ray"].keys()
+    assert "quality/leakage.json" in built["ray"]
 
 
 def named(pid: int) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from branchdrive.runtime.executor import Executor
 
-__all__ = ["add_executor_argument", "executor_of"]
+__all__ = ["add_executor_argument", "engine_of", "engine_text", "executor_of"]
 
 _LOCAL, _RAY = "local", "ray"
 
@@ -21,7 +21,7 @@ def engine(text: str) -> tuple[str, str | None]:
     return name, address or None
 
 
-def add_executor_argument(parser: argparse._ArgumentGroup) -> None:
+def add_executor_argument(parser: argparse._ActionsContainer) -> None:
     """Declare `--executor`."""
     parser.add_argument(
         "--executor", metavar="local|ray[:ADDRESS]", type=engine, default=(_LOCAL, None),
@@ -30,13 +30,23 @@ def add_executor_argument(parser: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
 
 
+def engine_text(args: argparse.Namespace) -> str | None:
+    """What `--executor` was given; ``None`` for processes of this machine."""
+    return None if args.executor[0] == _LOCAL else ":".join(filter(None, args.executor))
+
+
+def engine_of(args: argparse.Namespace) -> Executor | None:
+    """The engine that `--executor` names; ``None`` for processes of this machine."""
+    name, address = args.executor
+    if name != _RAY:
+        return None
+    from branchdrive.runtime.ray_executor import ray_executor
+
+    return ray_executor(address, jobs=args.jobs or 1)
+
+
 def executor_of(args: argparse.Namespace) -> Executor:
     """What `--executor` and `--jobs` name."""
-    name, address = args.executor
-    if name == _RAY:
-        from branchdrive.runtime.ray_executor import ray_executor
-
-        return ray_executor(address, jobs=args.jobs)
     from branchdrive.runtime.executor import isolated
 
-    return isolated(args.jobs)
+    return engine_of(args) or isolated(args.jobs)

@@ -20,7 +20,9 @@ from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline,
 from branchdrive.errors import UsageError
 from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
+from branchdrive.runtime.elsewhere import unseen_error
 from branchdrive.runtime.environment import leave_out_pandas
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.progress import unwatched
 from branchdrive.runtime.workers import num_workers, run_each
 from branchdrive.writer.group_writer import GroupWriter
@@ -100,6 +102,7 @@ def run_campaign(
     execute: Execute[_Plan, GroupReport],
     *,
     jobs: int = 1,
+    executor: Executor | None = None,
     prepare: Callable[[int], None] = unwatched,
     watch: Callable[[int, int], None] = unwatched,
 ) -> CollectionReport:
@@ -112,13 +115,15 @@ def run_campaign(
         plans: All groups of the dataset, or of a part of it, by place.
         execute: What collects a group.
         jobs: Worker processes; 1 works in this process.
+        executor: What collects groups instead of these; the dataset's folder is on all of its machines.
         prepare: Called with the number of groups that are missing, if there are any, before the first of them.
         watch: Called with the number of finished groups and of ticks executed by this run, at the beginning and after
             every group.
 
     Raises:
         UsageError: The dataset is finished with fewer groups, which keeps its version.
-        WorkerError: A worker process died.
+        ToolError: A worker process died.
+        PlatformError: Another machine has collected groups that this one does not see.
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     begin_s = time.perf_counter()
@@ -136,12 +141,14 @@ def run_campaign(
     num_ticks = 0
     watch(num_found, num_ticks)
     collecting = _Collecting(writer.root, writer.descriptor, execute)
-    with closing(run_each(collecting, missing, jobs=jobs, start=leave_out_pandas)) as finished:
+    with closing(run_each(collecting, missing, jobs=jobs, executor=executor, start=leave_out_pandas)) as finished:
         for report in finished:
             reports.append(report)
             num_ticks += report.num_ticks
             writer.commit()
             watch(num_found + len(reports), num_ticks)
+    if unseen := {plan.group_id for plan in missing} - writer.closed:
+        raise unseen_error(f"{writer.root}: group {min(unseen)!r}")
     identity = writer.finalize()
     workers = num_workers(len(missing), jobs=jobs)
     seconds = time.perf_counter() - begin_s

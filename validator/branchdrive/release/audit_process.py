@@ -13,6 +13,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from branchdrive.leakage.draw import drawn_here
 from branchdrive.leakage.inputs import ReplayInputs
 from branchdrive.leakage.protocol import AuditProtocol
 from branchdrive.release.spread_draw import SpreadDraw
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.process import ARRAY_WORK, child_environment, exit_after, python_command
 from branchdrive.runtime.standing import standing
 
@@ -54,6 +56,7 @@ class AuditTask:
         protocol: Numbers of the audit; None is the default.
         classifier: Of the recurrent tests, or why there is none.
         jobs: Processes that compute; 1 is that of the audit.
+        executor: What computes instead of these; its processes have one thread and see the folder of temporary files.
     """
 
     inputs: Callable[[], ReplayInputs]
@@ -61,6 +64,7 @@ class AuditTask:
     protocol: AuditProtocol | None
     classifier: SequenceClassifier | Unavailable
     jobs: int = 1
+    executor: Executor | None = None
 
 
 PartsOf = Callable[[str], KnownParts]
@@ -78,7 +82,10 @@ def audit_here(task: AuditTask, parts_of: PartsOf, progress: Progress | None = N
 
 def _audited(task: AuditTask, spool: Spool, parts_of: PartsOf, progress: Progress | None) -> dict[str, Any]:
     with ExitStack() as stack:
-        draw = SpreadDraw(spool, stack.enter_context(standing(task.jobs))) if task.jobs > 1 else drawn_here
+        executor = task.executor
+        if executor is None and task.jobs > 1:
+            executor = stack.enter_context(standing(task.jobs))
+        draw = drawn_here if executor is None else SpreadDraw(spool, executor)
         inputs, seen = draw.keep(_collected, task.inputs)
         key = audit_key(
             seen.described["digest"], seed=task.seed, protocol=task.protocol, sequence_classifier=task.classifier
@@ -185,6 +192,7 @@ def _work(connection: Connection) -> None:
     """Carry out the task that comes through `connection`."""
     try:
         task, spool = connection.recv()
+        tempfile.tempdir = str(spool.folder)  # whose content the parent removes, also where this process is killed
         try:
             parts_of = partial(_AskedParts.of, connection)
             document = _audited(task, spool, parts_of, lambda *step: connection.send(("progress", *step)))
@@ -199,6 +207,8 @@ def _work(connection: Connection) -> None:
 
 
 if __name__ == "__main__":
+    from branchdrive.release.audit_process import _work as _work_by_name  # so that others find its functions
+
     exit_after(lambda: os.read(sys.stdin.fileno(), 1))  # nothing is ever written
     with Connection(int(sys.argv[1])) as _connection:
-        _work(_connection)
+        _work_by_name(_connection)

@@ -38,6 +38,7 @@ from branchdrive.release.audit_process import AuditTask, audit_in_own_process
 from branchdrive.release.scan import RawPart
 from branchdrive.release.stage_work import StageWork
 from branchdrive.runtime.executor import jobs_of
+from branchdrive.runtime.ray_executor import RayExecutor
 
 __all__ = ["StoredParts", "build_leakage"]
 
@@ -72,9 +73,9 @@ def build_leakage(
         raise PlatformError(NO_DECODER)
     homes = core_valid_homes(work.layers.rows("group_quality"))
     classifier = classifier or sequence_classifier()
-    task = AuditTask(
-        SpooledReplays(scan.parts, homes, scan.descriptor), seed, protocol, classifier, jobs_of(work.executor)
-    )
+    engine = work.executor.shared() if isinstance(work.executor, RayExecutor) else None
+    inputs = SpooledReplays(scan.parts, homes, scan.descriptor)
+    task = AuditTask(inputs, seed, protocol, classifier, jobs_of(work.executor), engine)
     document = audit_in_own_process(task, partial(StoredParts.of, area), progress)
     work.layers.put_document(LEAKAGE_FILE, document)
 

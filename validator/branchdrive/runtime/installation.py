@@ -10,6 +10,7 @@ import json
 import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 
 from branchdrive.contract.resources import schema_dir
@@ -26,17 +27,34 @@ def own_version() -> str:
     return _version("branchdrive") or "unknown"
 
 
-def installation_digest() -> str:
-    """SHA-256 of all that a result depends on beside its input, hexadecimal."""
+def installation_digest(*packages: str) -> str:
+    """SHA-256 of all that a result depends on beside its input, hexadecimal.
+
+    Args:
+        packages: Other packages whose code counts; they need not be installed.
+    """
     about = {"code": package_digest(), "libraries": library_versions()}
+    about |= {name: _digest_of(_folders(name)) for name in packages}
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 
 @cache
 def package_digest() -> str:
     """SHA-256 of every file of this package and of the schemas, hexadecimal."""
+    return _digest_of((_PACKAGE_DIR, schema_dir()))
+
+
+def _folders(package: str) -> tuple[Path, ...]:
+    """Where a package is; nowhere if it is not installed."""
+    spec = find_spec(package)
+    return tuple(map(Path, (spec and spec.submodule_search_locations) or ()))
+
+
+@cache
+def _digest_of(folders: tuple[Path, ...]) -> str:
+    """SHA-256 of every file in some folders, hexadecimal."""
     digest = hashlib.sha256()
-    for folder in (_PACKAGE_DIR, schema_dir()):
+    for folder in folders:
         for path in sorted(folder.rglob("*")):
             if path.suffix != ".pyc" and path.is_file():
                 name = path.relative_to(folder).as_posix()

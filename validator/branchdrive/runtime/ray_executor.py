@@ -24,7 +24,10 @@ from branchdrive.runtime.environment import extra
 from branchdrive.runtime.executor import BoundedProcess, Died, Executor, Failed
 from branchdrive.runtime.installation import installation_digest
 
-__all__ = ["ray_executor"]
+__all__ = ["RayExecutor", "ray_executor"]
+
+_REFERENCE = "branchdrive_reference"
+"""What collects, renders and trains; its code has to be the same everywhere, too."""
 
 _IN_FLIGHT_PER_CPU = 2
 """Tasks that are handed to Ray at a time, for each processor that it has."""
@@ -64,15 +67,34 @@ def ray_executor(address: str | None = None, *, jobs: int | None = None) -> Exec
         address: Of a cluster; a Ray of this machine is started where there is none.
         jobs: Processors of a Ray that is started here; all by default.
     """
+    return RayExecutor(address, jobs)
 
-    def run(function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
+
+@dataclass(frozen=True)
+class RayExecutor:
+    """An executor over the workers of Ray, which travels to other processes; see `ray_executor`."""
+
+    address: str | None = None
+    jobs: int | None = None
+
+    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
+        """Run tasks on Ray."""
         if tasks:
-            with extra("ray", of="an executor on Ray"):
-                import ray
-            _connect(ray, address, jobs)
-            yield from _results(ray, function, tasks)
+            yield from _results(self._connected(), function, tasks)
 
-    return run
+    def shared(self) -> RayExecutor:
+        """The same workers for another process of this machine.
+
+        Raises:
+            PlatformError: Ray is not installed, or there is none at the address.
+        """
+        return RayExecutor(self._connected().get_runtime_context().gcs_address)
+
+    def _connected(self) -> Any:
+        with extra("ray", of="an executor on Ray"):
+            import ray
+        _connect(ray, self.address, self.jobs)
+        return ray
 
 
 def _connect(ray: Any, address: str | None, jobs: int | None) -> None:
@@ -118,7 +140,7 @@ def _results(ray: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> 
     """Results as they come; a task whose worker or node is lost runs once more."""
     work = ray.remote(num_cpus=1, max_retries=0)(_work)
     places = {place for task in tasks for place in _places(task) if place.is_dir()}
-    job = ray.put(_Job(function, installation_digest(), os.getcwd(), tuple(sorted(places))))  # noqa: PTH109
+    job = ray.put(_Job(function, installation_digest(_REFERENCE), os.getcwd(), tuple(sorted(places))))  # noqa: PTH109
     limit = _IN_FLIGHT_PER_CPU * max(1, int(ray.cluster_resources().get("CPU", 1)))
     waiting, again = list(range(len(tasks)))[::-1], set[int]()
     running: dict[Any, int] = {}
@@ -163,7 +185,7 @@ _processes: dict[str, BoundedProcess] = {}
 def _work(job: _Job, task: Any) -> Any:
     """Result of a task, in a worker of Ray."""
     node = socket.gethostname()
-    if installation_digest() != job.installation:
+    if installation_digest(_REFERENCE) != job.installation:
         return _Fault(f"node {node} has another branchdrive, other libraries or another Python; install what is here")
     for place in (Path(job.folder), *job.places):
         if not Path(job.folder, place).is_dir():

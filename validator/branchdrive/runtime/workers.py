@@ -20,6 +20,8 @@ from multiprocessing.synchronize import Event
 from typing import Any, ClassVar, TypeVar
 
 from branchdrive.errors import ToolError
+from branchdrive.runtime.elsewhere import run_elsewhere
+from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.interrupt import deferred_interrupt, shielded_children
 from branchdrive.runtime.process import exit_after, spawn_context
 from branchdrive.runtime.progress import unwatched
@@ -55,6 +57,7 @@ def run_each(
     tasks: Sequence[_Task],
     *,
     jobs: int,
+    executor: Executor | None = None,
     start: Callable[[], None] = unwatched,
     watch: Callable[..., None] = unwatched,
 ) -> Generator[_Result, None, None]:
@@ -68,14 +71,18 @@ def run_each(
             what it has opened.
         tasks: What it is called with; pickled for workers.
         jobs: Processes; 1 works in this process.
+        executor: What works instead of these, on other machines for example; see `run_elsewhere`.
         start: Called first in every worker.
         watch: Called in this process with what tasks report, where there are workers in a thread of its own, so that a
             result may be given before its last reports; an exception from it ends the work.
 
     Raises:
-        WorkerError: A worker process died.
+        ToolError: A worker process died.
         KeyboardInterrupt: The user interrupted, and every task stopped where it may.
     """
+    if executor is not None:
+        yield from run_elsewhere(executor, function, tasks, watch)
+        return
     num_processes = num_workers(len(tasks), jobs=jobs)
     if num_processes > 1:
         yield from _in_workers(function, tasks, num_processes, start, watch)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TextIO
 
+from branchdrive.cli.executor import engine_of
 from branchdrive.contract.layout import BENCHMARK
 from branchdrive.contract.text import printable
 from branchdrive_reference.benchmark.command.evaluate import add_format, format_evaluation
@@ -53,8 +54,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         for said in sentences_before_training(workspace.release, protocol, with_guard=not args.no_guard):
             stderr.write(f"{said}\n")
         trained = train_step(
-            workspace, protocol, models=None, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
-            progress=progress,
+            workspace, protocol, models=None, jobs=args.jobs, executor=engine_of(args),
+            device=args.device, with_guard=not args.no_guard, progress=progress,
         )  # fmt: skip
         stderr.write(sentence(trained))
         lock_step(workspace, protocol)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.executor import add_executor_argument
 from branchdrive.cli.place import folder, place
 from branchdrive.cli.progress import progress_bar
 from branchdrive.cli.validate import at_least
@@ -45,10 +46,11 @@ def add_protocol(parser: argparse.ArgumentParser) -> None:
 
 
 def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """Processes."""
+    """Processes, and where they are."""
     parser.add_argument(
         "--jobs", metavar="N", type=at_least(1), default=1, help="processes that train side by side (default: 1)"
     )
+    add_executor_argument(parser)
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, TextIO
 
+from branchdrive.cli.executor import engine_of
 from branchdrive_reference.benchmark.command.option import (
     add_device,
     add_jobs,
@@ -59,8 +60,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         for said in sentences_before_training(workspace.release, protocol, args.models, with_guard=not args.no_guard):
             stderr.write(f"{said}\n")
         found = train_step(
-            workspace, protocol, models=args.models, jobs=args.jobs, device=args.device, with_guard=not args.no_guard,
-            progress=bars(stderr),
+            workspace, protocol, models=args.models, jobs=args.jobs, executor=engine_of(args),
+            device=args.device, with_guard=not args.no_guard, progress=bars(stderr),
         )  # fmt: skip
         stdout.write(sentence(found))
         if not workspace.release.has_benchmark:
