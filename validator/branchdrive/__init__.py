@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from branchdrive.collector.contact import touched
     from branchdrive.collector.frame import Frame, box_centre, full_extents
     from branchdrive.collector.group import collect_group
+    from branchdrive.collector.opendrive import read_opendrive
     from branchdrive.collector.program import collector_main
     from branchdrive.collector.report import CollectionReport, GroupReport
     from branchdrive.collector.route import route_columns, to_ego_frame
@@ -139,6 +140,7 @@ __all__ = [
     "open_model",
     "open_store",
     "ray_executor",
+    "read_opendrive",
     "risk_evidence",
     "route_columns",
     "sign_element",
@@ -222,6 +224,7 @@ _HOME = {
     "open_store": "formats.place",
     "ray_executor": "runtime.ray_executor",
     "risk_evidence": "driving.risk",
+    "read_opendrive": "collector.opendrive",
     "route_columns": "collector.route",
     "sign_element": "collector.town",
     "stop_line_element": "collector.town",
