@@ -71,6 +71,11 @@ BASES: dict[str, tuple[str, str | None, str]] = {
         "release",
         "a release that tells how drives end",
     ),
+    "release-objects": (
+        "BD-MOD-023/release_that_tells_what_sensors_see",
+        "release",
+        "a release that tells what sensors see of others",
+    ),
     "release-outcomes": (
         "BD-BMK-001/outcomes_of_selections_are_declared",
         "release-benchmark",

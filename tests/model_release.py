@@ -16,6 +16,7 @@ from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.encoding import encode_bank
+from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import parts_of
 from branchdrive.model.arrays import ModelArrays, pack_arrays
@@ -50,6 +51,8 @@ CANDIDATES = DESCRIPTOR.action_bank.keys
 def make_frames(seed: int = 0, *, bare: bool = False, assignment: Mapping[str, str] = ASSIGNMENT) -> Frames:
     """Frames of the tables of the model layer and of `group_quality`, rows in the order of their keys.
 
+    There are objects at all observations but the first three, none where it is bare.
+
     Groups are those of `assignment`, which gives their partitions; `OUTSIDER` is not in the model layer.
     """
     members = tuple(group_id for group_id in assignment if group_id != OUTSIDER)
@@ -82,6 +85,11 @@ def make_frames(seed: int = 0, *, bare: bool = False, assignment: Mapping[str, s
     quality["extended_valid"] = np.isin(names, EXTENDED)
     quality["near_duplicate"] = np.zeros(len(names), bool)
     frames["group_quality"] = quality
+    if not bare:
+        keys = {"group_id": members, "offset_ticks": HISTORY_OFFSETS[3:], "object_index": (0, 7, 9)}
+        objects = _filled("objects", rng, keys)
+        objects["partition"] = np.array([assignment[group_id] for group_id in objects["group_id"].tolist()], object)
+        frames["objects"] = take(objects, rng.random(num_rows(objects)) < 0.8)
     return frames
 
 

@@ -55,7 +55,13 @@ if TYPE_CHECKING:
         UsageError,
     )
     from branchdrive.formats.place import open_store
-    from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
+    from branchdrive.model.contract import (
+        MixedInputs,
+        ModelTargets,
+        ObjectsInputs,
+        PrivilegedInputs,
+        SensorInputs,
+    )
     from branchdrive.model.reader import ModelLayer, open_model
     from branchdrive.raw.group import BranchGroup
     from branchdrive.raw.media.camera_frames import CameraFrames
@@ -98,6 +104,7 @@ __all__ = [
     "MixedInputs",
     "ModelLayer",
     "ModelTargets",
+    "ObjectsInputs",
     "Observation",
     "PinholeCamera",
     "PlatformError",
@@ -181,6 +188,7 @@ _HOME = {
     "MixedInputs": "model.contract",
     "ModelLayer": "model.reader",
     "ModelTargets": "model.contract",
+    "ObjectsInputs": "model.contract",
     "Observation": "collector.world",
     "PinholeCamera": "contract.camera",
     "PlatformError": "errors",

@@ -7,12 +7,13 @@ An item is a dictionary of tensors, float32 and masks bool, which the default lo
                                       trajectory  [A, 10, 5]
     expert      [16, 4]               mixed and privileged contracts
     surroundings, surroundings_mask  [16, 11]     privileged contract
+    objects [16, 32, 11], objects_mask [16, 32]   objects contract
     views [16, 6, *encoding], views_mask [16, 6]  where asked for
     bev   [16, 1, *encoding], bev_mask   [16, 1]  where asked for, privileged contract
 
-Everything is normalised by the training scalings, except one-hots and flags, sines and cosines, actions and
-surroundings, which are as they are, and images, which are encoded and keep their type. No NaN is in an item: where a
-mask is false stands 0, to be left out of a loss.
+Everything is normalised by the training scalings, except one-hots and flags, sines and cosines, actions,
+surroundings and objects, which are as they are, and images, which are encoded and keep their type. No NaN is in an
+item: where a mask is false stands 0, to be left out of a loss.
 No identifier is in an item; `BranchGroupDataset.groups` has the group of each.
 
 Source: paper, "Model Inputs and Targets"; spec/12-model.md#contracts.
@@ -131,6 +132,14 @@ def input_arrays(
         case InputContract.SENSOR:
             sensor = layer.sensor_inputs(partition, variant=variant, normalised=True)
             return {"state": sensor.state, "controls": sensor.controls}
+        case InputContract.OBJECTS:
+            seen = layer.objects_inputs(partition, variant=variant, normalised=True)
+            return {
+                "state": seen.state,
+                "controls": seen.controls,
+                "objects": seen.objects,
+                "objects_mask": seen.objects_available,
+            }
         case InputContract.MIXED:
             mixed = layer.mixed_inputs(partition, variant=variant, normalised=True)
             return {"state": mixed.state, "controls": mixed.controls, "expert": mixed.expert}

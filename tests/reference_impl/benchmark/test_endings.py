@@ -20,7 +20,7 @@ from branchdrive.release.stage import BuildOptions
 def test_ends_of_drives_are_reported_on_every_surface(tmp_path: Path) -> None:
     root = Draft(raw_tables(), raw_descriptor()).write(tmp_path / "dataset")
     stages = [stage for stage in STAGES if stage != "leakage"]
-    build_release(root, stages=stages, options=BuildOptions(SEED, endings=True))
+    build_release(root, stages=stages, options=BuildOptions(SEED, tables=frozenset({"endings"})))
     document = {**smallest_protocol(), "outcomes": default_protocol().document["outcomes"]}
     protocol = write_protocol(tmp_path / "protocol.json", document)
     said = invoke("benchmark", root, "--protocol", protocol, "--no-guard")

@@ -20,6 +20,7 @@ from branchdrive_reference.learning.groups import BranchGroupDataset
 
 KEYS = {
     InputContract.SENSOR: {"state", "controls"},
+    InputContract.OBJECTS: {"state", "controls", "objects", "objects_mask"},
     InputContract.MIXED: {"state", "controls", "expert"},
     InputContract.PRIVILEGED: {"state", "controls", "expert", "surroundings", "surroundings_mask"},
 }

@@ -192,7 +192,7 @@ def test_variants_stand_apart(release: Release) -> None:
 def test_the_files_of_every_layer_are_described(release: Release) -> None:
     described = make_descriptor().model_copy(update={"layers": ("raw", *LAYERS)})
     added = {"leakage": leakage(), "filtering": EXAMPLES["filtering"]}
-    text = render_card(described, SOURCE, *release, **added, optional=["endings"])
+    text = render_card(described, SOURCE, *release, **added, optional=["endings", "objects"])
     for layer in LAYERS.values():
         names = [*(f"{layer.name}/{name}" for name in layer.documents), *map(table_pattern, layer.tables)]
         for name in names if layer.name != "benchmark" else ():

@@ -92,12 +92,14 @@ def test_tables_and_columns_of_the_format_are_listed() -> None:
     code, out, _ = call(run, "columns")
     assert code == 0
     assert all(any(name in line.split()[:2] for line in out.splitlines()) for name in (*TABLES, *LAYER_TABLES))
-    asked_for = "where `branchdrive build --endings` was asked for it"
-    assert asked_for in " ".join(out.split())
+    asked_for = {name: f"where `branchdrive build --{name}` was asked for it" for name in ("endings", "objects")}
+    assert all(words in " ".join(out.split()) for words in asked_for.values())
     for name, table in {**TABLES, **LAYER_TABLES}.items():
         code, out, _ = call(run, "columns", name)
         assert code == 0
-        assert (asked_for in " ".join(out.split())) == (name == "endings")
+        assert [one for one, words in asked_for.items() if words in " ".join(out.split())] == [
+            one for one in asked_for if one == name
+        ]
         for column in table.columns:
             line = next(line for line in out.splitlines() if line.startswith(f"{column.name} "))
             assert column.track in line

@@ -320,13 +320,14 @@ def test_clause_of_a_description_exists(stem: str) -> None:
 def test_inputs_and_outcomes_have_the_track_that_the_contracts_rely_on() -> None:
     tracks = {
         name: {column.track for column in LAYER_TABLES[name].value_columns}
-        for name in ("state", "past_controls", "expert", "surroundings", "scalars", "trajectories")
+        for name in ("state", "past_controls", "expert", "surroundings", "objects", "scalars", "trajectories")
     }
     assert tracks == {
         "state": {"sensor"},
         "past_controls": {"sensor"},
         "expert": {"mixed"},
         "surroundings": {"privileged"},
+        "objects": {"objects"},
         "scalars": {"evaluation"},
         "trajectories": {"evaluation"},
     }

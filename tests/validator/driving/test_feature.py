@@ -15,6 +15,7 @@ from branchdrive.errors import UsageError
 EVERY_COLUMN = [(table.name, column.name, column.track) for table in TABLES.values() for column in table.columns]
 ADMITTED = {
     InputContract.SENSOR: {"sensor"},
+    InputContract.OBJECTS: {"sensor", "objects"},
     InputContract.MIXED: {"sensor", "mixed"},
     InputContract.PRIVILEGED: {"sensor", "mixed", "privileged"},
 }
@@ -137,5 +138,5 @@ def test_a_profile_cannot_be_changed_into_one_that_its_contract_refuses() -> Non
 
 def test_a_contract_is_named() -> None:
     assert InputContract.named("mixed") is InputContract.named(InputContract.MIXED) is InputContract.MIXED
-    with pytest.raises(UsageError, match="no input contract 'all'; there are sensor, mixed, privileged"):
+    with pytest.raises(UsageError, match="no input contract 'all'; there are sensor, objects, mixed, privileged"):
         InputContract.named("all")

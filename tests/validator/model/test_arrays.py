@@ -13,13 +13,14 @@ from tests.model_release import CANDIDATES, GROUPS, make_arrays, make_frames, sh
 
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.encoding import encode_bank
+from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import CONTROL_WINDOW
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError
-from branchdrive.model.arrays import ModelArrays, pack_arrays, pack_column
-from branchdrive.model.features import HISTORIES
-from branchdrive.tables.frame import concat, num_rows, take
+from branchdrive.model.arrays import ModelArrays, pack_arrays, pack_column, pack_objects
+from branchdrive.model.features import HISTORIES, OBJECT_FEATURES
+from branchdrive.tables.frame import concat, num_rows, sort_rows, take
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)
@@ -189,3 +190,41 @@ def test_a_column_keeps_its_type() -> None:
     assert light.shape == (5, 16)
     steps = pack_column(FRAMES["trajectories"], "trajectories", "x_m", GROUPS, CANDIDATES)
     np.testing.assert_array_equal(steps, ARRAYS.trajectories.values[..., 0])
+
+
+def test_objects_of_an_observation_come_by_number_and_unused_places_are_0() -> None:
+    values, available = pack_objects(shuffled({"objects": FRAMES["objects"]}, 3)["objects"], GROUPS)
+    assert values.shape == (5, 16, 32, len(OBJECT_FEATURES))
+    assert not values[~available].any()
+    assert available.sum() == num_rows(FRAMES["objects"])
+    rows = sort_rows(FRAMES["objects"], ("group_id", "offset_ticks", "object_index"))
+    for (n, group_id), (t, offset) in product(enumerate(GROUPS), enumerate(HISTORY_OFFSETS)):
+        own = take(rows, (rows["group_id"] == group_id) & (rows["offset_ticks"] == offset))
+        assert available[n, t].tolist() == [True] * num_rows(own) + [False] * (32 - num_rows(own))
+        for place, (name, column) in enumerate(OBJECT_FEATURES):
+            cells = own[column] if name == column else own[column] == name.removeprefix("object_class_")
+            np.testing.assert_array_equal(values[n, t, : len(cells), place], cells)
+    assert [name for name, _ in OBJECT_FEATURES[:4]] == [
+        f"object_class_{one}" for one in ("vehicle", "cycle", "pedestrian", "static")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("group_id", "g9"), ("offset_ticks", 5), ("offset_ticks", -1), ("object_index", 7), ("x_m", np.nan)],
+)
+def test_an_object_that_cannot_be_packed_is_refused_by_its_key(column: str, value: Any) -> None:
+    frame = take(FRAMES["objects"], slice(None))
+    other = np.flatnonzero((frame["object_index"] == 9) & (np.roll(frame["object_index"], 1) == 7))[0]
+    frame[column] = frame[column].copy()
+    frame[column][other] = value
+    with pytest.raises(DatasetError, match="not one of at most 32 objects, in finite numbers, of an observation"):
+        pack_objects(frame, GROUPS)
+
+
+def test_more_objects_than_sensors_tell_of_are_refused() -> None:
+    one = take(FRAMES["objects"], slice(0, 1))
+    many = concat([{**one, "object_index": np.array([number], np.int32)} for number in range(33)])
+    assert pack_objects(take(many, slice(0, 32)), GROUPS).available.sum() == 32
+    with pytest.raises(DatasetError, match="`object_index` 32: not one of at most 32 objects"):
+        pack_objects(many, GROUPS)

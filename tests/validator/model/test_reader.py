@@ -31,6 +31,7 @@ from branchdrive import (
     InputContract,
     MixedInputs,
     ModelLayer,
+    ObjectsInputs,
     PrivilegedInputs,
     SensorInputs,
     UsageError,
@@ -42,6 +43,7 @@ from branchdrive.driving.target import TARGETS, Targets
 from branchdrive.driving.utility import PROFILES, fit_scale, utility
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import join_parts, parts_of
+from branchdrive.model.arrays import pack_objects
 from branchdrive.model.features import features_document
 from branchdrive.model.normalisation_document import normalisation_document, scalings_of
 from branchdrive.quality.variants import Variant
@@ -51,9 +53,11 @@ from branchdrive.testing.defect import with_cells
 
 FRAMES = make_frames()
 ARRAYS = make_arrays(FRAMES)
+OBJECTS = pack_objects(FRAMES["objects"], GROUPS)
 SCALINGS = scalings_of(normalisation_document(ARRAYS, ASSIGNMENT))
 INPUTS: dict[InputContract, type] = {
     InputContract.SENSOR: SensorInputs,
+    InputContract.OBJECTS: ObjectsInputs,
     InputContract.MIXED: MixedInputs,
     InputContract.PRIVILEGED: PrivilegedInputs,
 }
@@ -114,6 +118,7 @@ def test_inputs_are_the_packed_arrays_of_their_contract(layer: ModelLayer, contr
     expected = {
         "state": ARRAYS.state, "controls": ARRAYS.controls, "expert": ARRAYS.expert,
         "surroundings": ARRAYS.surroundings.values, "surroundings_available": ARRAYS.surroundings.available,
+        "objects": OBJECTS.values, "objects_available": OBJECTS.available,
     }  # fmt: skip
     for field in fields(found):
         np.testing.assert_array_equal(getattr(found, field.name), expected[field.name][[0, 1, 4]], err_msg=field.name)
@@ -123,6 +128,7 @@ def test_the_types_of_inputs_hold_what_their_contracts_admit_and_are_no_subtypes
     names = {contract: [field.name for field in fields(type_)] for contract, type_ in INPUTS.items()}
     assert names == {
         InputContract.SENSOR: ["state", "controls"],
+        InputContract.OBJECTS: ["state", "controls", "objects", "objects_available"],
         InputContract.MIXED: ["state", "controls", "expert"],
         InputContract.PRIVILEGED: ["state", "controls", "expert", "surroundings", "surroundings_available"],
     }
@@ -205,6 +211,9 @@ def test_a_contract_refuses_every_column_of_another_track(
     if column.track not in contract.tracks:
         with pytest.raises(UsageError, match=f"column `{table}.{column.name}` is of track '{column.track}'"):
             layer.column(contract, table, column.name)
+    elif table == "objects":
+        with pytest.raises(UsageError, match="has no row for each observation; use `objects_inputs` or `arrow`"):
+            layer.column(contract, table, column.name)
     else:
         rows = {"actions": (13,), "past_controls": (3, 80)}.get(table, (3, 16))
         values = layer.column(contract, table, column.name, "train")
@@ -253,6 +262,8 @@ def test_a_dataset_without_evidence_and_encoding_says_so(tmp_path: Path) -> None
     assert layer.mixed_inputs().expert.shape == (5, 16, 4)
     with pytest.raises(UsageError, match="has no evidence of surroundings"):
         layer.privileged_inputs()
+    with pytest.raises(DatasetError, match="has no table `objects`, which `branchdrive build --objects` adds"):
+        layer.objects_inputs()
     with pytest.raises(UsageError, match="declares no encoding of its action bank"):
         layer.actions()
 

@@ -21,8 +21,8 @@ from branchdrive.formats.parquet import encode_table
 
 NAME_RAW = "the raw layer is not available; give its dataset with --raw"
 
-ABSENT = ("BD-LKG", "BD-MOD-022")
-"""Rules on an audit of leakage and on the table of endings, which are not there."""
+ABSENT = ("BD-LKG", "BD-MOD-022", "BD-MOD-023")
+"""Rules on an audit of leakage and on the tables of endings and objects, which are not there."""
 
 
 @pytest.fixture(scope="module")

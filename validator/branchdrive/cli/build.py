@@ -64,6 +64,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="add what was recorded of every candidate's drive up to its end; a benchmark then reports it",
     )
+    what.add_argument(
+        "--objects",
+        action="store_true",
+        help="add what sensors of the vehicle tell of actors up to the branch: in range and in sight, with noise",
+    )
     population = parser.add_argument_group("whom it holds")
     population.add_argument(
         "--seed", metavar="S", type=seed, default=0, help="seed of split, intervals and audit (default: 0)"
@@ -96,7 +101,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         if args.stage and "leakage" in args.stage:
             raise UsageError("`--no-leakage` and `--stage leakage` contradict each other")
         stages = tuple(stage for stage in stages if stage != "leakage")
-    options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants), args.endings)
+    tables = frozenset(name for name in ("endings", "objects") if getattr(args, name))
+    options = BuildOptions(args.seed, _calibration(args.calibration), _variants(args.variants), tables)
     if args.output is None:
         local(args.dataset, "`build` without `--output`")  # before a bucket is asked
     with ExitStack() as stack:

@@ -4,8 +4,9 @@ A feature names the recorded columns it is computed from; its track is the most 
 them, read from `columns.json` and never declared a second time. An input contract admits tracks::
 
     sensor      sensor columns
-    mixed       and what the privileged expert computes (target speed, hazard flags)
-    privileged  and privileged evidence (actors, separation, lights)
+    objects     and what sensors tell of others, in the model layer alone
+    mixed       sensor columns, and what the privileged expert computes (target speed, hazard flags)
+    privileged  mixed ones, and privileged evidence (actors, separation, lights)
 
 No contract admits debug, audit or evaluation columns. The one exception is the controls that reached the
 vehicle, audit columns that every contract admits: a history holds them before ``t_b`` and nowhere else.
@@ -27,8 +28,16 @@ from branchdrive.errors import UsageError
 
 __all__ = ["MIXED_PROFILE", "SENSOR_PROFILE", "Feature", "InputContract", "InputProfile"]
 
-_TRACKS = ("sensor", "mixed", "privileged", "debug", "audit", "evaluation")
+_TRACKS = ("sensor", "objects", "mixed", "privileged", "debug", "audit", "evaluation")
 """Tracks from the freest to the most restricted."""
+
+_ADMITTED = {
+    "sensor": ("sensor",),
+    "objects": ("sensor", "objects"),
+    "mixed": ("sensor", "mixed"),
+    "privileged": ("sensor", "mixed", "privileged"),
+}
+"""Tracks that each contract admits; what sensors tell of others is never mixed with what they do not."""
 
 _APPLIED = ("applied_steer", "applied_throttle", "applied_brake")
 
@@ -44,13 +53,14 @@ class InputContract(Enum):
     """What an input may be computed from; its value names the most restricted track that it admits."""
 
     SENSOR = "sensor"
+    OBJECTS = "objects"
     MIXED = "mixed"
     PRIVILEGED = "privileged"
 
     @property
     def tracks(self) -> tuple[str, ...]:
         """Tracks that the contract admits."""
-        return _TRACKS[: _TRACKS.index(self.value) + 1]
+        return _ADMITTED[self.value]
 
     @classmethod
     def named(cls, contract: InputContract | str) -> InputContract:

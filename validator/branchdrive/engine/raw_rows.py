@@ -14,6 +14,7 @@ from branchdrive.driving.route_cluster import CLUSTER_POINTS, resample_polyline
 from branchdrive.leakage.replays import replay_facts
 from branchdrive.model.images import media_columns
 from branchdrive.model.inputs import inputs_of
+from branchdrive.model.objects import OBJECTS, object_columns
 from branchdrive.model.targets import candidate_columns, ending_columns, scalar_columns, trajectory_columns
 from branchdrive.quality.qualification import attempt_quality, group_quality
 from branchdrive.quality.replay import Pairs, canonical_pairs, pair_columns
@@ -65,6 +66,7 @@ def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
         "scalars": scalar_columns(view, executed),
         "trajectories": trajectory_columns(view, executed),
         "endings": ending_columns(view, executed),
+        OBJECTS: object_columns(view, nominals),
         "media_index": media_columns(view, nominals),
         ROUTES: {
             "group_id": group_ids,

@@ -8,6 +8,7 @@ With ``N`` groups and ``A`` candidates::
     controls      [N, 80, 3]      t_b - 80 .. t_b - 1           trajectories  [N, A, 10, 5]
     expert        [N, 16, 4]      flags are 0 or 1              actions       [A, encoding width]
     surroundings  [N, 16, 11]     and mask; the traffic light is three features red, yellow, green
+    objects       [N, 16, 32, 11]     and mask [N, 16, 32]; the class is four features
 
 Source: paper, "Model Inputs and Targets"; spec/12-model.md#features.
 """
@@ -22,15 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import LAYER_TABLES
-from branchdrive.contract.timing import FUTURE_OBSERVATIONS
+from branchdrive.contract.timing import FUTURE_OBSERVATIONS, HISTORY_OFFSETS
+from branchdrive.driving.object_sensor import MAX_OBJECTS
 from branchdrive.driving.target import TARGETS, TRAJECTORY, Targets, Trajectory
 from branchdrive.errors import DatasetError
-from branchdrive.model.features import HISTORIES
-from branchdrive.tables.frame import Frame, distinct, num_rows
+from branchdrive.model.features import HISTORIES, OBJECT_FEATURES
+from branchdrive.tables.frame import Frame, distinct, num_rows, repeated_rows, sort_rows
 
 __all__ = [
-    "Masked", "ModelArrays", "joined_arrays", "pack_actions", "pack_arrays", "pack_column", "pack_history",
-    "pack_scalars", "pack_surroundings", "pack_trajectories",
+    "Masked", "ModelArrays", "PackedObjects", "joined_arrays", "pack_actions", "pack_arrays", "pack_column",
+    "pack_history", "pack_objects", "pack_scalars", "pack_surroundings", "pack_trajectories",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -45,6 +47,13 @@ class Masked(NamedTuple):
     """`values` with NaN exactly where not `available`, both of one shape."""
 
     values: Array
+    available: Mask
+
+
+class PackedObjects(NamedTuple):
+    """Objects of observations: `values` ``[N, 16, 32, 11]``, 0 where not `available` ``[N, 16, 32]``."""
+
+    values: NDArray[np.float32]
     available: Mask
 
 
@@ -151,6 +160,43 @@ def pack_surroundings(frame: Frame, groups: Sequence[str]) -> Masked | None:
             parts.append(Masked(np.where(available, is_category, np.nan), available))
     values, masks = zip(*parts, strict=True)
     return Masked(np.stack(values, axis=-1), np.stack(masks, axis=-1))
+
+
+def pack_objects(frame: Frame, groups: Sequence[str]) -> PackedObjects:
+    """Objects as float32 ``[N, 16, 32, 11]``; those of an observation in the order of their numbers.
+
+    Raises:
+        DatasetError: An object is of no group or no observation, stands twice, is one too many, or has a value that is
+            not a number.
+    """
+    table = "objects"
+    rows = sort_rows(frame, ("offset_ticks", "object_index"))
+    places = {group: i for i, group in enumerate(groups)}
+    owner = np.array([places.get(group, -1) for group in rows["group_id"].tolist()], np.int64)
+    offset = np.searchsorted(HISTORY_OFFSETS, rows["offset_ticks"])
+    is_known = np.isin(rows["offset_ticks"], HISTORY_OFFSETS) & (owner >= 0)
+    moment = owner * len(HISTORY_OFFSETS) + offset
+    order = np.argsort(moment, kind="stable")
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order)) - np.searchsorted(moment[order], moment[order], side="left")
+    wrong = ~is_known | (rank >= MAX_OBJECTS)
+    wrong[repeated_rows(rows, LAYER_TABLES[table].key)] = True
+    columns = []
+    for name, column in OBJECT_FEATURES:
+        cells = np.ma.getdata(rows[column])
+        columns.append((cells == name.removeprefix(f"{column}_")) if name != column else cells)
+        wrong |= np.zeros(len(cells), bool) if name != column else ~np.isfinite(cells)
+    for row in np.flatnonzero(wrong)[:1]:
+        found = _format_key(rows, LAYER_TABLES[table].key, int(row))
+        raise DatasetError(
+            f"table `{table}`: row of {found}: not one of at most {MAX_OBJECTS} objects, in finite numbers, of an "
+            "observation of a group of the layer"
+        )
+    shape = (len(groups), len(HISTORY_OFFSETS), MAX_OBJECTS)
+    values, available = np.zeros((*shape, len(OBJECT_FEATURES)), np.float32), np.zeros(shape, bool)
+    values[owner, offset, rank] = np.stack(columns, axis=-1) if columns else 0
+    available[owner, offset, rank] = True
+    return PackedObjects(values, available)
 
 
 def pack_actions(frame: Frame, candidates: Sequence[str]) -> NDArray[np.float32] | None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MixedInputs", "ModelTargets", "PrivilegedInputs", "SensorInputs"]
+__all__ = ["MixedInputs", "ModelTargets", "ObjectsInputs", "PrivilegedInputs", "SensorInputs"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,6 +43,24 @@ class SensorInputs(_Shown):
 
     state: Array
     controls: Array
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ObjectsInputs(_Shown):
+    """`SensorInputs`, and what sensors of the vehicle tell of others.
+
+    Attributes:
+        state: State history ``[N, 16, 21]``.
+        controls: Controls that reached the vehicle ``[N, 80, 3]``.
+        objects: Objects of each observation ``[N, 16, 32, 11]`` float32 in their units, never normalised; features
+            are those of `branchdrive.model.features.OBJECT_FEATURES`, and an unused place is 0.
+        objects_available: Which places have an object ``[N, 16, 32]``, the first of each observation.
+    """
+
+    state: Array
+    controls: Array
+    objects: NDArray[np.float32]
+    objects_available: Mask
 
 
 @dataclass(frozen=True, repr=False, eq=False)

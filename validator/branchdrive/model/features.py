@@ -5,6 +5,7 @@ Histories are read under an input contract, which names the tables that it reads
     sensor      state, past_controls
     mixed       and expert
     privileged  and surroundings
+    objects     state, past_controls, and the table `objects` where a release has it, which is no history
 
 The document `features.json` is a pure function of the dataset's descriptor: nothing in it depends on data.
 
@@ -33,7 +34,7 @@ from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import UsageError
 
 __all__ = [
-    "CONTRACT_TABLES", "EXPERT_PROFILE", "HISTORIES", "History", "admit_column", "contract_tables",
+    "CONTRACT_TABLES", "EXPERT_PROFILE", "HISTORIES", "OBJECT_FEATURES", "History", "admit_column", "contract_tables",
     "feature_mismatches", "features_document", "recorded_features", "target_mask",
 ]  # fmt: skip
 
@@ -92,6 +93,14 @@ CONTRACT_TABLES: Mapping[InputContract, tuple[str, ...]] = MappingProxyType(
 """Tables of histories that each contract reads."""
 
 
+OBJECT_FEATURES: tuple[tuple[str, str], ...] = tuple(
+    (column.name if value is None else f"{column.name}_{value}", column.name)
+    for column in LAYER_TABLES["objects"].value_columns
+    for value in column.values or (None,)
+)
+"""Names of the features of an object with the columns that they are, in order; a category is a feature, 1 or 0."""
+
+
 def contract_tables(contract: InputContract, descriptor: Descriptor) -> tuple[str, ...]:
     """Tables of histories that the contract reads in a dataset, which may claim no stream of evidence."""
     return tuple(name for name in CONTRACT_TABLES[contract] if name != "surroundings" or _has_evidence(descriptor))
@@ -124,6 +133,10 @@ def admit_column(contract: InputContract, table: str, column: str) -> Column:
     return declared
 
 
+_DESCRIBED = tuple(contract for contract in InputContract if contract is not InputContract.OBJECTS)
+"""Contracts of the document `features.json`, which says the same of a release with objects and of one without."""
+
+
 def target_mask(name: str) -> str:
     """Column with the availability of the scalar target `name`.
 
@@ -142,7 +155,7 @@ def features_document(descriptor: Descriptor) -> dict[str, Any]:
     A history that no claimed stream fills is left out of contracts, histories and arrays; so are the encoded
     actions of a bank without an encoding. In a shape, ``"groups"`` is the number of groups.
     """
-    contracts = {contract.value: list(contract_tables(contract, descriptor)) for contract in InputContract}
+    contracts = {contract.value: list(contract_tables(contract, descriptor)) for contract in _DESCRIBED}
     encoding = descriptor.action_encoding
     return {
         "contracts": contracts,

@@ -76,7 +76,10 @@ def _controls(view: ShardView, nominals: Index) -> dict[str, Values]:
 
 def empty_columns(declared: Sequence[Column]) -> dict[str, Values]:
     """Declared columns without a row."""
-    kinds = {"string": object, "bool": bool, "int32": np.int32, "int64": np.int64, "float64": np.float64}
+    kinds = {
+        "string": object, "bool": bool, "int32": np.int32, "int64": np.int64, "float32": np.float32,
+        "float64": np.float64,
+    }  # fmt: skip
     empty: dict[str, Values] = {}
     for column in declared:
         values = np.zeros(0, kinds[column.type])

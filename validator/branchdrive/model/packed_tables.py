@@ -22,6 +22,7 @@ from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.model import arrays
 from branchdrive.model.normalisation_document import Scalings, scalings_of
+from branchdrive.model.objects import OBJECTS
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Values
 
@@ -97,6 +98,11 @@ class PackedTables:
     def surroundings(self) -> arrays.Masked | None:
         """What is around the ego, with masks; ``None`` where nothing is recorded."""
         return arrays.pack_surroundings(self.frame("surroundings"), tuple(self.assignment))
+
+    @cached_property
+    def objects(self) -> arrays.PackedObjects:
+        """What sensors tell of others; a layer without the table is a `DatasetError`."""
+        return arrays.pack_objects(self.frame(OBJECTS), tuple(self.partitions))
 
     @cached_property
     def actions(self) -> NDArray[np.float32] | None:

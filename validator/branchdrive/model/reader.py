@@ -29,10 +29,11 @@ from branchdrive.formats.place import Place, open_store
 from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import conform, read_layer_table
 from branchdrive.model import arrays
-from branchdrive.model.contract import MixedInputs, ModelTargets, PrivilegedInputs, SensorInputs
+from branchdrive.model.contract import MixedInputs, ModelTargets, ObjectsInputs, PrivilegedInputs, SensorInputs
 from branchdrive.model.features import admit_column, feature_mismatches, recorded_features
 from branchdrive.model.images import ImageHistory
 from branchdrive.model.normalisation_document import Scalings
+from branchdrive.model.objects import OBJECTS
 from branchdrive.model.packed_tables import LAYER, PackedTables, model_document, not_expected
 from branchdrive.quality.partition import PARTITIONS
 from branchdrive.quality.variants import EXTENDED, declared_of, members
@@ -139,6 +140,22 @@ class ModelLayer:
         rows = self._rows(partition, variant)
         return SensorInputs(**self._histories(rows, normalised=normalised))
 
+    def objects_inputs(
+        self, partition: str | None = None, *, variant: str | None = None, normalised: bool = False
+    ) -> ObjectsInputs:
+        """And what sensors of the vehicle tell of others; see `sensor_inputs`.
+
+        Raises:
+            UsageError: As `groups`.
+            DatasetError: As `sensor_inputs`, or the release has no objects.
+        """
+        rows, objects = self._rows(partition, variant), self._packed.objects
+        return ObjectsInputs(
+            **self._histories(rows, normalised=normalised),
+            objects=objects.values[rows],
+            objects_available=objects.available[rows],
+        )
+
     def mixed_inputs(
         self, partition: str | None = None, *, variant: str | None = None, normalised: bool = False
     ) -> MixedInputs:
@@ -234,10 +251,15 @@ class ModelLayer:
         A column that may be null is a masked array; one that the dataset records throughout is not.
 
         Raises:
-            UsageError: No such column, or the contract refuses its track: identifiers and outcomes always.
+            UsageError: No such column, or the contract refuses its track: identifiers and outcomes always; or it is
+                one of objects, of which an observation has any number.
             DatasetError: A file cannot be read, or its rows cannot be packed.
         """
         declared = admit_column(InputContract.named(contract), table, column)
+        if table == OBJECTS:
+            raise UsageError(
+                f"column `{table}.{column}` has no row for each observation; use `objects_inputs` or `arrow`"
+            )
         packed = arrays.pack_column(self._packed.frame(table), table, column, self._group_ids, self.candidate_order)
         values = np.ma.getdata(packed) if declared.is_required(self.descriptor.unrecorded) else packed
         return values if table == "actions" else values[self._rows(partition, variant)]

@@ -67,13 +67,13 @@ class BuildOptions:
         seed: Seed of the split, of the intervals of retention and of the leakage audit.
         calibration: The least that a calibration partition must hold; ``None`` for no such partition.
         variants: Populations to declare beside the frozen one and `extended`.
-        endings: Whether the model layer has the table `endings`.
+        tables: Names of the optional tables that the model layer has.
     """
 
     seed: int = 0
     calibration: Calibration | None = None
     variants: Sequence[Variant] = ()
-    endings: bool = False
+    tables: frozenset[str] = frozenset()
 
 
 def build_canonical(work: StageWork) -> None:
@@ -198,7 +198,9 @@ def build_model(work: StageWork, options: BuildOptions) -> None:
     scan, layers, descriptor = work.scan, work.layers, work.scan.descriptor
     check_encoding(scan)
     actions = action_rows(descriptor.action_bank, encoded=descriptor.action_encoding is not None)
-    tables = tuple(name for name, table in LAYERS["model"].tables.items() if options.endings or not table.optional)
+    tables = tuple(
+        name for name, table in LAYERS["model"].tables.items() if name in options.tables or not table.optional
+    )
     quality = [_stored_groups(work, part) for part in scan.parts]
     tasks = [
         ModelTask(part, work.store, groups, layers.files[table_path("records", part=part.number)], actions, tables)

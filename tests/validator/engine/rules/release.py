@@ -35,6 +35,7 @@ from branchdrive.contract.layout import SOURCE_FILE as SOURCE
 from branchdrive.engine.spool import Spool
 from branchdrive.formats.folder import Folder
 from branchdrive.leakage.classifier import Unavailable
+from branchdrive.model.objects import OBJECTS
 from branchdrive.quality.fidelity import (
     thresholds_of,
     with_passes,
@@ -183,9 +184,16 @@ class ReleaseDraft(Draft):
 
     def add_endings(self) -> None:
         """Add what was recorded of whole drives, with the card that tells it."""
-        frame = with_homes(built().rows[ENDINGS], dict(_homes(self)))
-        self.tables["model"][ENDINGS] = to_arrow(ENDINGS, frame)
-        self.sort(ENDINGS)
+        self._add(ENDINGS)
+
+    def add_objects(self) -> None:
+        """Add what sensors tell of others, with the card that tells it."""
+        self._add(OBJECTS)
+
+    def _add(self, table: str) -> None:
+        frame = with_homes(built().rows[table], dict(_homes(self)))
+        self.tables["model"][table] = to_arrow(table, frame)
+        self.sort(table)
         self.reseal("card")
 
     def add_filtering(self) -> dict[str, Any]:
@@ -284,7 +292,7 @@ def _model(d: ReleaseDraft) -> None:
         with _work_on(replace(built().scan, spool=spool, parts=(part,))) as work:
             for name in ("group_quality", "records"):
                 work.layers.put_tables([name], work.store.put(name, d.frame(name), 0))
-            build_model(work, BuildOptions(endings=ENDINGS in d.tables["model"]))
+            build_model(work, BuildOptions(tables=frozenset(_optional(d))))
             for name in LAYERS["model"].tables:
                 if table_paths(name, work.layers.files):
                     d.put(name, work.layers.rows(name))
@@ -292,9 +300,14 @@ def _model(d: ReleaseDraft) -> None:
     d.documents["model/normalisation.json"]["split_digest"] = d.documents[SPLIT]["digest"]
 
 
+def _optional(d: ReleaseDraft) -> list[str]:
+    """Optional tables that the draft has."""
+    return [table for table in d.tables.get("model", {}) if LAYER_TABLES[table].optional]
+
+
 def _card(d: ReleaseDraft) -> None:
     descriptor = Descriptor.model_validate(d.descriptor)
-    tables = [table_path(ENDINGS, "test")] if ENDINGS in d.tables.get("model", {}) else []
+    tables = [table_path(table, "test") for table in _optional(d)]
     d.texts[CARD_FILE] = release_card(descriptor, d.documents, tables)
     d.texts[LICENCE_FILE] = render_licence(descriptor.licence)
 

@@ -28,6 +28,7 @@ from branchdrive.layers.compare import (
     format_cell,
     frames_agree,
     place,
+    rows_agree,
     rows_are,
     text_mismatches,
 )
@@ -35,6 +36,7 @@ from branchdrive.layers.view import ReleaseView
 from branchdrive.model.arrays import ModelArrays, joined_arrays, pack_arrays
 from branchdrive.model.features import HISTORIES, feature_mismatches, target_mask
 from branchdrive.model.normalisation_document import normalisation_mismatches
+from branchdrive.model.objects import OBJECTS
 from branchdrive.model.rows import action_rows, context_rows
 from branchdrive.quality.partition import assignment_of
 from branchdrive.quality.rules.split import SPLIT
@@ -284,6 +286,14 @@ def endings_recompute(view: ReleaseView) -> Iterator[Check]:
     """What was recorded of whole drives, masks included, to the bit; a release may do without."""
     if view.has(ENDINGS):
         yield from columns_agree(view, ENDINGS, _values(ENDINGS), exact=_values(ENDINGS))
+
+
+@rule("BD-MOD-023")
+def objects_recompute(view: ReleaseView) -> Iterator[Check]:
+    """What sensors tell of actors up to the branch, every object and no other, to the bit; a release may do without."""
+    if view.has(OBJECTS):
+        yield from rows_agree(view, OBJECTS)
+        yield from columns_agree(view, OBJECTS, _values(OBJECTS), exact=_values(OBJECTS))
 
 
 @rule("BD-MOD-015")
