@@ -20,13 +20,19 @@ _FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 _GENERATED = re.compile(r"<!-- generated: .*?<!-- end generated -->", re.DOTALL)
 
 
-def files(*suffixes: str) -> list[Path]:
-    """Files of the repository with one of the suffixes, caches and hidden folders left out."""
+@cache
+def _every_file() -> list[Path]:
+    """Files of the repository in order, caches and hidden folders left out."""
     top = [path for path in ROOT.iterdir() if path.is_file() and not path.name.startswith(".")]
     below = (path for folder in _FOLDERS for path in (ROOT / folder).rglob("*") if path.is_file())
     hidden = (".", "__pycache__")
     plain = [p for p in below if not any(part.startswith(hidden) for part in p.relative_to(ROOT).parts)]
-    return sorted(path for path in [*top, *plain] if path.suffix in suffixes)
+    return sorted([*top, *plain])
+
+
+def files(*suffixes: str) -> list[Path]:
+    """Files of the repository with one of the suffixes, as they were when they were first asked for."""
+    return [path for path in _every_file() if path.suffix in suffixes]
 
 
 def texts() -> list[Path]:

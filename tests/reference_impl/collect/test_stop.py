@@ -108,7 +108,7 @@ def test_a_stopped_collection_keeps_what_is_finished(
 )
 def test_workers_that_begin_are_stopped_in_silence(tmp_path: Path, delay_s: float, stop: signal.Signals) -> None:
     root = tmp_path / "d"
-    process = start(root, seed=SEED, jobs=2, groups=30)
+    process = start(root, seed=SEED, jobs=2, groups=8)
     wait_for((root / DESCRIPTOR_FILE).exists)  # written right before the workers are started
     time.sleep(delay_s)
     os.killpg(process.pid, stop)
@@ -131,7 +131,7 @@ while any("spawn_main" in argument for argument in sys.orig_argv) and not Path({
 def test_further_interrupts_wait_for_no_rollout_and_leave_no_worker_behind(tmp_path: Path) -> None:
     root, gate = tmp_path / "d", tmp_path / "gate"
     (tmp_path / "sitecustomize.py").write_text(WAITING.format(gate=str(gate)))
-    process = start(root, seed=SEED, jobs=2, groups=30, loaded_first=tmp_path)
+    process = start(root, seed=SEED, jobs=2, groups=8, loaded_first=tmp_path)
     wait_for(lambda: len(session_of(process.pid)) >= 4)
     for _ in range(4):  # while workers are started
         os.killpg(process.pid, signal.SIGINT)
@@ -146,7 +146,7 @@ def test_further_interrupts_wait_for_no_rollout_and_leave_no_worker_behind(tmp_p
 
 def test_a_worker_that_dies_ends_the_collection_in_one_line(tmp_path: Path) -> None:
     root = tmp_path / "d"
-    process = start(root, seed=SEED, jobs=2, groups=30)
+    process = start(root, seed=SEED, jobs=2, groups=8)
     wait_for(lambda: finished_rollouts(root) >= 1)
     os.kill(max(session_of(process.pid)), signal.SIGKILL)
     _, err = process.communicate(timeout=PATIENCE_S)

@@ -116,10 +116,18 @@ def audited_alone(task_of: Any) -> tuple[Any, Parts, list[Step]]:
     return document, parts, told
 
 
-def test_it_has_one_thread_whatever_the_environment_says(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def gated(audited_alone: tuple[Any, Parts, list[Step]]) -> Parts:
+    """Parts of an audit whose gate is known: what other classifiers change nothing of."""
+    return Parts(gate=audited_alone[1]["gate"])
+
+
+def test_it_has_one_thread_whatever_the_environment_says(
+    task_of: Any, gated: Parts, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.setenv(name, "2")
-    document = audit_in_own_process(task_of(Teller()), Parts())
+    document = audit_in_own_process(task_of(Teller()), gated)
     trained = [test["training"] for way in document["battery"]["ways"] for test in way["tests"] if test["training"]]
     assert trained == [{"num_epochs": 1, "best_epoch": 1}] * 6
     assert os.environ["OMP_NUM_THREADS"] == "2"
@@ -141,7 +149,9 @@ def test_processes_that_draw_change_no_bit(
     assert audit_in_own_process(replace(task_of(NOBODY), **how), Parts()) == audited_alone[0]
 
 
-def test_a_process_that_has_others_compute_takes_no_inputs(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_has_others_compute_takes_no_inputs(
+    task_of: Any, audited_alone: tuple[Any, Parts, list[Step]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Neither replays nor statistics nor features come to the process of the audit."""
     taken: list[str] = []
     get = Spool.get
@@ -152,10 +162,9 @@ def test_a_process_that_has_others_compute_takes_no_inputs(task_of: Any, monkeyp
 
     monkeypatch.setattr(Spool, "get", noted)
     monkeypatch.setattr(Known, "__call__", lambda _: pytest.fail("inputs were made here"))
-    task = task_of(NOBODY)
-    document = audit_here(replace(task, jobs=2), Parts())
+    document = audit_here(replace(task_of(NOBODY), jobs=2), Parts())
     assert not taken
-    assert numbers(document) == pytest.approx(numbers(audit_in_own_process(task, Parts())), rel=1e-6, abs=1e-9)
+    assert numbers(document) == pytest.approx(numbers(audited_alone[0]), rel=1e-6, abs=1e-9)
 
 
 def refused(_: Any, numbers: range) -> None:
@@ -189,14 +198,14 @@ def test_a_known_part_is_not_computed(task_of: Any, audited_alone: tuple[Any, Pa
     assert again == {**document, "gate": parts["gate"]}
 
 
-def test_its_death_is_told(task_of: Any) -> None:
+def test_its_death_is_told(task_of: Any, gated: Parts) -> None:
     with pytest.raises(ToolError, match="the process of the leakage audit died; give it more memory"):
-        audit_in_own_process(task_of(Killer()), Parts())
+        audit_in_own_process(task_of(Killer()), gated)
 
 
-def test_its_errors_are_the_callers(task_of: Any) -> None:
+def test_its_errors_are_the_callers(task_of: Any, gated: Parts) -> None:
     with pytest.raises(ValueError, match="scores have shape"):
-        audit_in_own_process(task_of(Failing()), Parts())
+        audit_in_own_process(task_of(Failing()), gated)
 
 
 def test_it_does_not_outlive_an_interrupt(task_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
