@@ -20,6 +20,7 @@ from benchmarks import (
     growth,
     highway_env,
     paper,
+    places,
     ranking,
     release,
     rendering,
@@ -66,6 +67,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> dict[str, Iterator[
         "ranking from cameras": camera_ranking.rows(folder, release=made),
         "validation": validation.rows(folder, num_groups=args.groups or NUM_VALIDATED_GROUPS, release=made),
         "growth": growth.rows(folder),
+        "places, cache and Ray": places.rows(folder),
         "start-up": startup.rows(),
     }
 

@@ -25,7 +25,7 @@ from tests.reference_impl.benchmark.small_release import invoke, make_release, s
 from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.sampling import THOROUGH, sampled
 
-from benchmarks import benchmark, highway_env, paper, ranking, release, validation
+from benchmarks import benchmark, highway_env, paper, places, ranking, release, validation
 from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.cli.main import run
 from branchdrive.errors import BranchDriveError, DecodeError
@@ -282,3 +282,15 @@ def test_the_selector_and_plain_torch_rank_alike(bare: Path, tmp_path: Path, mon
     assert re.fullmatch(r"[0-9.]+ ms, 95 % within [0-9.]+ ms", ours.measured) and ours.bar == "<= 2.5 ms"
     assert re.fullmatch(r"[0-9.]+ ms, [0-9.]+x the selector's", theirs.measured)
     assert 0 <= float(difference.measured) <= float(difference.bar.removeprefix("<= "))
+
+
+@THOROUGH
+def test_places_cache_and_ray_are_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "find_spec", lambda _: None)
+    folder, bucket, taken, changed, on_ray = places.rows(tmp_path, num_shards=2, repeats=1)
+    assert re.fullmatch(COST, folder.measured)
+    assert (bucket.bar, changed.bar, on_ray.bar) == ("<= 1.5x CPU", "<= 5 %", "<= 1.2x")
+    assert re.fullmatch(r"[0-9.]+x \([0-9.]+x CPU\)\n[0-9.]+", bucket.measured)
+    assert float(bucket.measured.splitlines()[1]) < 10  # requests a shard: tables, and documents of the whole
+    assert all(re.fullmatch(r"[0-9.]+ %", row.measured) for row in (taken, changed))
+    assert "pip install" in on_ray.measured

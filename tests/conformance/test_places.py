@@ -1,6 +1,6 @@
-"""Cases say the same in every place: in memory, in a bucket, in an archive, and from a cache.
+"""Cases say the same in every place: in memory, in a bucket, in an archive, from a cache, and by processes of a pool.
 
-`make thorough` judges a tenth of them in all of these, `make test` one in each.
+`make thorough` judges a tenth of them in all of these, `make test` one in each, and `make ray` a tenth on Ray.
 """
 
 from __future__ import annotations
@@ -22,12 +22,14 @@ from tests.validator.engine.rules.case import judged_folder
 
 from branchdrive.engine.cache import Cache
 from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
 from branchdrive.engine.waiver import load_waivers
 from branchdrive.formats.place import Place, open_store
+from branchdrive.runtime.executor import isolated
 from branchdrive_conformance.case import Case, cases_dir, load_cases
 from branchdrive_conformance.materialize import DATASET_DIR, RAW_DIR, WAIVERS_FILE, materialize
 
-KINDS = ("memory", "bucket", "archive", "cache")
+KINDS = ("memory", "bucket", "archive", "cache", "pool")
 EVERY, FEW = 10, 120
 
 
@@ -51,7 +53,7 @@ def has_equal(root: Path) -> bool:
 
 
 def at(kind: str, root: Path, server: BucketServer) -> Place:
-    """The dataset of a case in a place of a kind; the cache is of the folder itself."""
+    """The dataset of a case in a place of a kind; cache and pool are of the folder itself."""
     match kind:
         case "memory":
             memory = MemoryStore()
@@ -75,19 +77,27 @@ def told(report: Report) -> dict[str, Any]:
     return {**found, "cached": None}
 
 
+def options_of(case: Case, folder: Path) -> dict[str, Any]:
+    """Options of the validation of a case, whose files are in a folder."""
+    return {
+        "raw": folder / RAW_DIR if case.raw is not None else None,
+        "waivers": load_waivers(folder / WAIVERS_FILE) if "waivers" in case.options else (),
+        "hash_files": case.options.get("hash", True),
+    }
+
+
 def compare(case: Case, folder: Path, kinds: Sequence[str], server: BucketServer) -> int:
     """Judge a case in its folder and in other places, and see that it is the same; the places that were tried."""
     materialize(cases_dir(), case, folder)
     root = folder / DATASET_DIR
     if not has_equal(root):
         return 0
-    options: dict[str, Any] = {
-        "raw": folder / RAW_DIR if case.raw is not None else None,
-        "waivers": load_waivers(folder / WAIVERS_FILE) if "waivers" in case.options else (),
-        "hash_files": case.options.get("hash", True),
-    }
+    options = options_of(case, folder)
     expected = told(judged_folder(root, **options))
     for kind in kinds:
+        if kind == "pool":
+            assert told(validate(root, executor=isolated(2), **options)) == expected, (case.name, kind)
+            continue
         caches: tuple[Cache | None, ...] = (None,)
         if kind == "cache":
             caches = (Cache(folder / "cache"), Cache(folder / "cache")) if options["hash_files"] else ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 import threading
 from hashlib import sha256
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tests import synthetic, synthetic_release
+from tests.conformance.test_places import EVERY, drawn, options_of, told
 from tests.places import files_of
 from tests.validator.engine.datasets import DEPARTURES, write
 from tests.validator.release.running import QUICK
@@ -35,6 +37,8 @@ from branchdrive.release.builder import STAGES, build_release
 from branchdrive.release.stage import BuildOptions
 from branchdrive.runtime import ray_executor as module
 from branchdrive.runtime.executor import Executor, in_process, isolated
+from branchdrive_conformance.case import cases_dir, load_cases
+from branchdrive_conformance.materialize import DATASET_DIR, materialize
 
 
 def results(executor: Executor, function: Any, tasks: list[Any]) -> list[str]:
@@ -120,6 +124,23 @@ def built_in_parts(place: Path) -> dict[str, Any]:
     return found
 
 
+def cases(place: Path, *, every: int = EVERY) -> dict[str, Any]:
+    """Conformance cases of which a report by workers of Ray is another than one by this process, and how many agree."""
+    executor, differing, num_equal = module.ray_executor(jobs=2), list[str](), 0
+    for case in load_cases(cases_dir()):
+        if drawn(case) % every == 0:
+            folder = place / "case"
+            materialize(cases_dir(), case, folder)
+            options = options_of(case, folder)
+            here, there = (
+                told(validate(folder / DATASET_DIR, executor=one, **options)) for one in (in_process, executor)
+            )
+            num_equal += here == there
+            differing += [case.name] * (here != there)
+            shutil.rmtree(folder)
+    return {"differing": differing, "equal": num_equal}
+
+
 def waiting(place: Path) -> dict[str, Any]:
     """Wait for a task that does not end."""
     list(module.ray_executor(jobs=1)(sleep_and_tell, [str(place)]))
@@ -129,6 +150,7 @@ def waiting(place: Path) -> dict[str, Any]:
 if __name__ == "__main__":
     programs = {
         "one-machine": one_machine, "two-nodes": two_nodes, "built-in-parts": built_in_parts, "waiting": waiting,
+        "cases": cases,
     }  # fmt: skip
     what = programs[sys.argv[1]]
     Path(sys.argv[3]).write_text(json.dumps(what(Path(sys.argv[2]))))

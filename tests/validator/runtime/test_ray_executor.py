@@ -48,11 +48,11 @@ def start(what: str, place: Path, out: Path) -> subprocess.Popen[bytes]:
         )
 
 
-def said(what: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def said(what: str, tmp_path_factory: pytest.TempPathFactory, patience_s: float = 300) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp(what)
     out = folder / "found.json"
     (folder / "place").mkdir()
-    assert start(what, folder / "place", out).wait(300) == 0, (folder / f"{what}.log").read_text()[-3000:]
+    assert start(what, folder / "place", out).wait(patience_s) == 0, (folder / f"{what}.log").read_text()[-3000:]
     found: dict[str, Any] = json.loads(out.read_text())
     return found
 
@@ -110,6 +110,13 @@ def test_a_release_of_several_parts_has_the_bytes_of_one_machine(tmp_path_factor
     assert built["ray"] == built["one process"]
     assert {f"model/contexts-train-0000{part}.parquet" for part in (0, 1)} <= built["ray"].keys()
     assert "quality/leakage.json" in built["ray"]
+
+
+@needs_ray
+def test_a_tenth_of_the_conformance_cases_say_the_same(tmp_path_factory: pytest.TempPathFactory) -> None:
+    found = said("cases", tmp_path_factory, patience_s=3600)
+    assert found["differing"] == []
+    assert found["equal"] > 100
 
 
 def named(pid: int) -> str:
