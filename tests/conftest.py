@@ -9,6 +9,7 @@ import gc
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: tests run side by side, one core each
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch, whose threads wait by turning
 
 import signal
 import socket
@@ -19,7 +20,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
 # Hundreds of child processes import the package, and every worker the tests: they are compiled once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -33,10 +34,21 @@ settings.register_profile("thorough", max_examples=2000, derandomize=False, **_C
 settings.load_profile("default")
 
 
-def pytest_collection_finish() -> None:
+_GARBAGE = (20_000, 20, 50)
+"""Objects and rounds after which the garbage collector looks: tests make many and leave few in circles."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
     """What modules hold stays until the end: the garbage collector need not go through it again and again."""
-    gc.collect()
-    gc.freeze()
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(*_GARBAGE)
+        gc.enable()
 
 
 class NetworkError(RuntimeError):
@@ -72,6 +84,14 @@ def _blocked_network() -> Iterator[None]:
         for name in ("connect", "connect_ex", "sendto"):
             patch.setattr(socket.socket, name, _local_only(getattr(socket.socket, name)))
         patch.setattr(socket, "getaddrinfo", _no_lookup(socket.getaddrinfo))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_waiting_for_disks() -> Iterator[None]:
+    """Files of this process reach the disk when the system wants: tests kill processes, and cut no power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
         yield
 
 
