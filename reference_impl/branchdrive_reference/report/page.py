@@ -117,7 +117,7 @@ def _head(report: DatasetReport) -> dict[str, Any]:
     validation = report.validation
     facts, level = validation.dataset, verdict_level(validation)
     found = {
-        "shards, files": f"{facts.num_shards:,}, {facts.num_files:,}",
+        "files": f"{counted(facts.num_files, 'file')} in {counted(facts.num_shards, 'shard')}",
         "raw layer at": facts.raw_path or "",
         "identity": facts.identity or "",
         "content": facts.content_identity or "",
