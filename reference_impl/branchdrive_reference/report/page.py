@@ -94,7 +94,7 @@ def _head(report: DatasetReport, outcome: Outcome) -> dict[str, Any]:
     validation = report.validation
     facts, level = validation.dataset, outcome.level
     found = {
-        "shards, files": f"{facts.num_shards:,}, {facts.num_files:,}",
+        "files": f"{counted(facts.num_files, 'file')} in {counted(facts.num_shards, 'shard')}",
         "raw layer at": facts.raw_path or "",
         "identity": facts.identity or "",
         "content": facts.content_identity or "",

@@ -146,8 +146,10 @@ def test_causes_stand_before_what_follows_from_them(tmp_path: Path) -> None:
 
 def test_groups_that_do_not_qualify_are_named_with_their_reasons(damaged_dataset: Path, tmp_path: Path) -> None:
     page = made(damaged_dataset, tmp_path / "report.html")
-    lost = [group for group in validate(damaged_dataset).groups or () if not group.qualifies]
+    validated = validate(damaged_dataset)
+    lost = [group for group in validated.groups or () if not group.qualifies]
     assert lost
+    assert f"{validated.dataset.num_files} files in {validated.dataset.num_shards} shard" in page.text
     for group in lost:
         assert group.group_id in page.text
         assert group.reason.replace("`", "") in page.text
