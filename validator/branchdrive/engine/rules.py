@@ -25,7 +25,10 @@ RULE_MODULES: Mapping[str | None, tuple[str, ...]] = MappingProxyType(
             "quality.rules.qualification", "quality.rules.split", "quality.rules.fidelity",
             "model.rules.near_duplicate", "leakage.rules.audit", "leakage.rules.structural", "card.rules",
         ),
-        "model": ("layers.rules", "model.rules.inputs", "model.rules.near_duplicate", "leakage.rules.structural"),
+        "model": (
+            "layers.rules", "model.rules.inputs", "model.rules.near_duplicate", "leakage.rules.structural",
+            "leakage.rules.codes",
+        ),
         "benchmark": (
             "benchmark.protocol.rules", "benchmark.prediction.rules", "benchmark.rules", "benchmark.latency",
         ),

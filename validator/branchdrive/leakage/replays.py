@@ -37,6 +37,7 @@ from branchdrive.tables.frame import Frame, take
 __all__ = [
     "AVAILABILITY_NAMES",
     "CONTROL_NAMES",
+    "DIMENSIONS",
     "EGO_NAMES",
     "collected_inputs",
     "core_valid_homes",
@@ -53,6 +54,9 @@ AVAILABILITY_NAMES = ("controls", "observations", "evidence", "actors")
 """Streams whose share of the expected rows before the branch is an input."""
 
 CONTROL_NAMES = ("steer", "throttle", "brake")
+
+DIMENSIONS = ("ego_length_m", "ego_width_m", "ego_height_m")
+"""Columns of an attempt with the size of its vehicle."""
 
 _AUDITED = (
     "group_id", "availability", "discrepancy", "ego", "controls", "has_nominal_replay", "stream_ranks", "stream_spread",
@@ -78,7 +82,7 @@ def replay_facts(
 
     Returns:
         A row for each group: cells of the shapes of `ReplayInputs`, whether numbers are those of all images, numbers
-        of the nominal's images in the order of `camera_columns`, and its environment.
+        of the nominal's images in the order of `camera_columns`, its environment, and its `DIMENSIONS`.
     """
     nominal_index = view.descriptor.action_bank.nominal_index
     drives = candidates.copy()
@@ -109,6 +113,7 @@ def replay_facts(
         "has_images": np.full(len(groups), has_all_images(view)),
         "nominal_images": camera_numbers(view, nominals).astype(np.float32),
         "environment": view.rollouts["environment"][nominals],
+        "dimensions": np.stack([view.rollouts[name][nominals] for name in DIMENSIONS], axis=1).astype(np.float64),
     }
 
 

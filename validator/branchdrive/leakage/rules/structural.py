@@ -46,7 +46,7 @@ _MIN_SHARED = 60
 
 
 @dataclass(frozen=True)
-class _History:
+class History:
     """Variables of histories.
 
     Attributes:
@@ -59,11 +59,11 @@ class _History:
     columns: list[str]
     names: list[str]
 
-    def of(self, *tables: str) -> _History:
+    def of(self, *tables: str) -> History:
         """Variables of some tables alone."""
         chosen = [v for v, column in enumerate(self.columns) if column.partition(" ")[0] in tables]
         columns, names = [self.columns[v] for v in chosen], [self.names[v] for v in chosen]
-        return _History(self.values[:, chosen], columns, names)
+        return History(self.values[:, chosen], columns, names)
 
 
 @rule("BD-LKG-008")
@@ -78,7 +78,7 @@ def identifiers_do_not_tell_the_partition(view: ReleaseView) -> Iterator[Check]:
     yield Check.of(int(len(ordered) > 1), mismatches if p <= ALPHA else [])
 
 
-def _history(view: ReleaseView) -> _History:
+def _history(view: ReleaseView) -> History:
     """Recorded variables of all histories but the surroundings, each at each of its times."""
     arrays = view.cached(model_arrays)
     tables = {"state": arrays.state, "past_controls": arrays.controls, "expert": arrays.expert}
@@ -90,7 +90,7 @@ def _history(view: ReleaseView) -> _History:
             columns += at
             names += [f"{column} at tick {offset}" for column in at]
     recorded = np.flatnonzero(np.isfinite(values).any(axis=0)).tolist()
-    return _History(values[:, recorded], [columns[v] for v in recorded], [names[v] for v in recorded])
+    return History(values[:, recorded], [columns[v] for v in recorded], [names[v] for v in recorded])
 
 
 def _targets(view: ReleaseView) -> Targets:
@@ -139,7 +139,7 @@ def no_history_variable_holds_a_target(view: ReleaseView) -> Iterator[Check]:
 
 
 def _outcome_check(
-    view: ReleaseView, place: Location, examined: _History, max_correlation: float = MAX_OUTCOME_CORRELATION
+    view: ReleaseView, place: Location, examined: History, max_correlation: float = MAX_OUTCOME_CORRELATION
 ) -> Check:
     """Whether variables tell an outcome that does not follow from the state."""
     motion = view.cached(_history).of("state")
@@ -172,17 +172,17 @@ def no_repetition_tells_an_outcome(view: ReleaseView) -> Iterator[Check]:
     own = np.array(history.columns)
     counts = [num_different(history.values[:, own == column]) for column in columns]
     names = [f"{column} {DIFFERENT}" for column in columns]
-    yield _outcome_check(view, {"file": FEATURES}, _History(np.stack(counts, axis=1), names, names), MAX_CORRELATION)
+    yield _outcome_check(view, {"file": FEATURES}, History(np.stack(counts, axis=1), names, names), MAX_CORRELATION)
 
 
-def _nominals(view: ReleaseView) -> Frame:
+def nominal_facts(view: ReleaseView) -> Frame:
     """What raw says about images and environments of the nominals of the contexts, in the order of their groups.
 
     Raises:
         PreconditionError: A context has no such row.
     """
     _, groups = view.raw_rows, view.cached(model_arrays).groups
-    names = ("group_id", "nominal_images", "has_images", "environment")
+    names = ("group_id", "nominal_images", "has_images", "environment", "dimensions")
     facts = concat([{name: replays[name] for name in names} for replays in view.raw_shards("replays")])
     row_of = {group: row for row, group in enumerate(facts["group_id"].tolist())}
     if not row_of.keys() >= {*groups}:
@@ -197,20 +197,23 @@ def no_image_of_a_nominal_tells_an_outcome(view: ReleaseView) -> Iterator[Check]
     What pixels show is examined where the raw layer is available.
     """
     place: Location = {"table": "media_index"}
-    yield _outcome_check(view, place, _sizes(view))
+    yield _outcome_check(view, place, image_sizes(view))
     if view.raw.rows is None:
         return
-    facts = view.cached(_nominals)
-    if not facts["has_images"].all():
+    if not view.cached(nominal_facts)["has_images"].all():
         raise PreconditionError("not all images were decoded")
+    yield _outcome_check(view, place, image_numbers(view))
+
+
+def image_numbers(view: ReleaseView) -> History:
+    """What the pixels of the images of nominals show, all of which were decoded."""
     columns = camera_columns(examined_cameras(view.descriptor))
     names = [c.name if c.offset_ticks is None else f"{c.name} at tick {c.offset_ticks}" for c in columns]
-    numbers = facts["nominal_images"].astype(np.float64)
-    values = np.where(np.isnan(numbers), -np.inf, numbers)
-    yield _outcome_check(view, place, _History(values, [c.name for c in columns], names))
+    numbers = view.cached(nominal_facts)["nominal_images"].astype(np.float64)
+    return History(np.where(np.isnan(numbers), -np.inf, numbers), [c.name for c in columns], names)
 
 
-def _sizes(view: ReleaseView) -> _History:
+def image_sizes(view: ReleaseView) -> History:
     """Sizes of the stored images of nominals."""
     groups, index = view.cached(model_arrays).groups, view.frame("media_index")
     row_of = {group: row for row, group in enumerate(groups)}
@@ -221,7 +224,7 @@ def _sizes(view: ReleaseView) -> _History:
     rows = [row_of.get(group, -1) for group in index["group_id"].tolist()]
     values[rows, [column_of[cell] for cell in axis]] = index["size_bytes"]
     columns = [f"{camera} size_bytes" for camera, _ in cells]
-    return _History(values, columns, [f"{camera} size_bytes at tick {offset}" for camera, offset in cells])
+    return History(values, columns, [f"{camera} size_bytes at tick {offset}" for camera, offset in cells])
 
 
 def _category_check(view: ReleaseView, place: Location, categories: list[str]) -> Check:
@@ -245,4 +248,4 @@ def categories_are_no_code(view: ReleaseView) -> Iterator[Check]:
         yield _category_check(view, {"table": "contexts", "column": column}, contexts[column][order].tolist())
     if view.raw.rows is not None:
         place: Location = {"table": "rollouts", "column": "environment"}
-        yield _category_check(view, place, view.cached(_nominals)["environment"].tolist())
+        yield _category_check(view, place, view.cached(nominal_facts)["environment"].tolist())
