@@ -32,7 +32,7 @@ from branchdrive.errors import BranchDriveError
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.place import Place
-from branchdrive.runtime.executor import Executor, isolated
+from branchdrive.runtime.executor import Executor, in_process, isolated
 from branchdrive.runtime.process import python_command
 from branchdrive.runtime.ray_executor import ray_executor
 from branchdrive_reference.collect.campaign import collect
@@ -139,9 +139,8 @@ def _on_ray(root: Path, size: str) -> Row:
     return Row(what, f"{spent['ray'] / spent['pool']:.2f}x ({spent['pool']:.1f} and {spent['ray']:.1f} CPU-s)", bar)
 
 
-def _validated(place: Place, cache: Cache | None = None, executor: Executor | None = None) -> Report:
-    options = {} if executor is None else {"executor": executor}
-    report = validate(place, cache=cache, **options)
+def _validated(place: Place, cache: Cache | None = None, executor: Executor = in_process) -> Report:
+    report = validate(place, cache=cache, executor=executor)
     if report.verdict != "valid":
         raise BranchDriveError(f"the verdict on repeated shards is {report.verdict}")
     return report
