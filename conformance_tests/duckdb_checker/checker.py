@@ -244,7 +244,7 @@ class Judgement:
         """Qualification rules on rollouts; their failures decide who complies."""
         with_evidence = ["evidence"] * self.parameters["has_evidence"]
         with_map = ["walls", "surfaces"] * self.parameters["has_map"]
-        for name in ("attempts", "motion", *with_evidence, "results", "histories", *with_map):
+        for name in ("attempts", "targets", "motion", *with_evidence, "results", "histories", *with_map):
             self._prepare(name)
         for rule in RULES:
             is_judged = rule["id"] in claims() and self._is_about(rule)

@@ -1,6 +1,7 @@
-"""Candidates of one group against each other: who steers or drives more than whom, and ends where.
+"""Candidates of one group against each other: who steers or drives more than whom, and comes to which place.
 
-They begin alike, so that more of a command shows in the order of their ends, whatever the road and the traffic do.
+They begin alike, so that more of a command at every tick shows in where they are at the last observation before one of
+them touches something, whatever the road and the traffic do.
 Source: spec/07-rules.md#response.
 """
 
@@ -13,17 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
-from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, TICK_S
+from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive.driving.response import CLEAR_COMMAND, CLEAR_EFFECT_M, MIN_BRAKING, MIN_COMMAND
 from branchdrive.raw.canonical_choice import Selection
-from branchdrive.raw.motion.contact import touches
+from branchdrive.raw.motion.contact import COLLISION_COUNTS, is_free
 from branchdrive.raw.motion.response import responses
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.window import window_rows
 
 __all__ = ["Contrary", "drives_contrary", "steers_contrary"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+_OFFSETS = (0, *FUTURE_OFFSETS)
 
 MAX_ROLLING_BRAKE = 0.4
 """Mean brake up to which wheels roll on any dry road: harder ones may lock them, and hold less than softer ones."""
@@ -38,7 +42,7 @@ _FASTER_MPS = 0.5
 
 
 class Contrary(NamedTuple):
-    """Candidates that end contrary to their commands.
+    """Candidates whose places are contrary to their commands.
 
     Attributes:
         compared: Groups in which two candidates can be told by it ``[groups]``.
@@ -56,56 +60,102 @@ class Contrary(NamedTuple):
 
 
 class _Candidates(NamedTuple):
-    """Chosen attempts without a contact up to ``t_b + 50``, the nominals among them, by group; each ``[candidates]``.
+    """Chosen attempts that are compared, the nominals among them, by group; ``[candidates]`` where nothing is said.
 
     Attributes:
         group: Group of the shard, ascending.
         attempt: Attempt of the shard.
-        steer: Mean applied steering from ``t_b`` to ``t_b + 49``, positive to the right.
+        steer: Applied steering from ``t_b`` on, positive to the right ``[candidates, 50]``.
         drive: Applied throttle minus brake ``[candidates, 50]``.
-        left_m: Offset from the nominal at ``t_b + 50``, positive to the left.
-        way_m: Way from ``t_b`` to ``t_b + 50``, less that of the speed at ``t_b``.
+        ahead_m: Places from ``t_b`` to ``t_b + 50``, seen from the own pose at ``t_b`` ``[candidates, 11]``.
+        left_m: The same, to the left.
+        way_m: Way from ``t_b`` on, less that of the speed at ``t_b`` ``[candidates, 11]``.
         speed_mps: That speed.
+        num_free: Observations behind ``t_b`` up to which no contact keeps motion from being judged.
     """
 
     group: Index
     attempt: Index
     steer: Array
     drive: Array
+    ahead_m: Array
     left_m: Array
     way_m: Array
     speed_mps: Array
+    num_free: Index
 
 
 def _candidates(view: ShardView, selection: Selection) -> _Candidates:
-    found, every = responses(view, selection, np.zeros(view.num_rollouts, bool))
+    found, _ = responses(view, selection, np.zeros(view.num_rollouts, bool))
     _, first = np.unique(found.nominal, return_index=True)
-    state = np.concatenate([found.state, found.reference[:, first]], axis=1)[:, :, -len(FUTURE_OFFSETS) - 1 :]
+    x, y, yaw, speed = np.concatenate([found.state, found.reference[:, first]], axis=1)[:, :, -len(_OFFSETS) :]
     steer, throttle, brake = np.concatenate([found.command, found.wanted[:, first]], axis=1)
-    x, y, _, speed = state
-    way = np.hypot(np.diff(x), np.diff(y)).sum(axis=1) - ACTIVE_TICKS * TICK_S * speed[:, 0]
+    east, north, cos, sin = x - x[:, :1], y - y[:, :1], np.cos(yaw[:, :1]), np.sin(yaw[:, :1])
+    way = np.cumsum(np.hypot(np.diff(x, prepend=x[:, :1]), np.diff(y, prepend=y[:, :1])), axis=1)
     group, attempt = np.append(found.group, found.group[first]), np.append(found.own, found.nominal[first])
-    observations = view.observations
-    last = np.append(view.branch_tick, 0)[observations.rollout] + FUTURE_OFFSETS[-1]
-    touched = observations.by_rollout(view.cached(touches) & (observations.tick <= last)).any
+    rows = window_rows(view, view.observations, attempt, _OFFSETS)
+    num_free = np.logical_and.accumulate(view.cached(is_free)[rows], axis=1).sum(axis=1) - 1
+    if "evidence" not in view:
+        collides = np.logical_or.reduce(
+            [view.rollouts.valid(name) & (view.rollouts[name] > 0) for name in COLLISION_COUNTS]
+        )
+        num_free[collides[attempt]] = 0
     order = np.lexsort((attempt, group))
-    kept = order[~touched[attempt[order]]]
-    left = np.append(every.lateral_m, np.zeros(len(first)))
-    values = group, attempt, steer.mean(axis=1), throttle - brake, left, way, speed[:, 0]
+    kept = order[num_free[order] > 0]
+    values = (
+        group, attempt, steer, throttle - brake, cos * east + sin * north, cos * north - sin * east,
+        way - speed[:, :1] * TICK_S * np.asarray(_OFFSETS), speed[:, 0], num_free,
+    )  # fmt: skip
     return _Candidates(*(value[kept] for value in values))
 
 
-def _pairs(group: Index) -> Iterator[tuple[Index, Index]]:
-    """Pairs of places with one group, which ascends, in blocks of at most one for each place."""
-    for step in range(1, len(group)):
-        one = np.flatnonzero(group[step:] == group[:-step])
+class _Pairs(NamedTuple):
+    """Pairs of candidates of one group up to the last observation before one of them touches something ``[pairs]``.
+
+    Attributes:
+        more: The candidate that has more of a command in the mean.
+        less: The other one.
+        last: Place of that observation behind ``t_b``.
+        apart: By how much more it has.
+        never_less: Whether it has as much or more at every tick.
+    """
+
+    more: Index
+    less: Index
+    last: Index
+    apart: Array
+    never_less: Mask
+
+
+def _pairs(every: _Candidates, command: Array) -> Iterator[_Pairs]:
+    """All pairs, in blocks of at most one for each candidate, by which of both has more of a command."""
+    total, tick = _totals(command), np.arange(ACTIVE_TICKS)
+    for step in range(1, len(every.group)):
+        one = np.flatnonzero(every.group[step:] == every.group[:-step])
         if not len(one):
             return
-        yield one, one + step
+        other = one + step
+        last = np.minimum(every.num_free[one], every.num_free[other])
+        apart = _mean_apart(total, one, other, last)
+        more, less = np.where(apart > 0, one, other), np.where(apart > 0, other, one)
+        is_over = tick >= last[:, None] * OBSERVATION_STRIDE_TICKS
+        never_less = np.asarray(((command[more] >= command[less]) | is_over).all(axis=1))
+        yield _Pairs(more, less, last, np.abs(apart), never_less)
+
+
+def _totals(command: Array) -> Array:
+    """Sums of a command over the ticks before each ``[candidates, 51]``."""
+    return np.cumsum(np.pad(command, ((0, 0), (1, 0))), axis=1)
+
+
+def _mean_apart(total: Array, one: Index, other: Index, last: Index) -> Array:
+    """Mean of the command of one minus that of the other up to an observation, from their sums."""
+    ticks = last * OBSERVATION_STRIDE_TICKS
+    return np.asarray((total[one, ticks] - total[other, ticks]) / ticks)
 
 
 def _contrary(view: ShardView, every: _Candidates, found: list[tuple[Index, Index, Array]], least_m: float) -> Contrary:
-    """From pairs that can be told: who has more and less of a command, and how much further the first should end."""
+    """From pairs that can be told: who has more and less of a command, and by how much the first is in order."""
     none = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
     more, less, order_m = (np.concatenate(parts) for parts in zip(*none, *found, strict=True))
     compared = np.bincount(every.group[more], minlength=len(view.group_ids)) > 0
@@ -114,29 +164,31 @@ def _contrary(view: ShardView, every: _Candidates, found: list[tuple[Index, Inde
     return Contrary(compared, every.group[more], every.attempt[more], every.attempt[less], -order_m[wrong])
 
 
+@np.errstate(all="ignore")  # what overflows is no number, and tells nothing
 def steers_contrary(view: ShardView, selection: Selection) -> Contrary:
-    """Candidates that end to the left of others though they alone steer to the right of them, or reverse."""
+    """Candidates that come to the left of others though they alone steer to the right of them, or reverse."""
     every, found = _candidates(view, selection), []
-    drive = every.drive.mean(axis=1)
-    for one, other in _pairs(every.group):
-        apart = every.steer[one] - every.steer[other]
-        right_m = every.left_m[other] - every.left_m[one]
-        tells = (np.abs(apart) >= CLEAR_COMMAND) & (np.abs(drive[one] - drive[other]) < MIN_COMMAND)
-        tells &= np.abs(right_m) >= CLEAR_EFFECT_M
-        more, less = np.where(apart > 0, one, other), np.where(apart > 0, other, one)
-        found.append((more[tells], less[tells], (np.sign(apart) * right_m)[tells]))
+    drive = _totals(every.drive)
+    for more, less, last, apart, never_less in _pairs(every, every.steer):
+        (ahead, left), (ahead_0, left_0) = ((every.ahead_m[own, last], every.left_m[own, last]) for own in (more, less))
+        # Across the mean way of both: twice the area between the ways over the length of their sum.
+        right_m = 2 * (ahead_0 * -left + left_0 * ahead) / np.hypot(ahead + ahead_0, left + left_0)
+        tells = never_less & (apart >= CLEAR_COMMAND) & (np.abs(right_m) >= CLEAR_EFFECT_M)
+        tells &= np.abs(_mean_apart(drive, more, less, last)) < MIN_COMMAND
+        found.append((more[tells], less[tells], right_m[tells]))
     return _contrary(view, every, found, CLEAR_EFFECT_M)
 
 
+@np.errstate(all="ignore")
 def drives_contrary(view: ShardView, selection: Selection) -> Contrary:
     """Candidates that come less far than others though they drive more, at no tick less, and steer much alike."""
     every, found = _candidates(view, selection), []
-    drive = every.drive.mean(axis=1)
-    for one, other in _pairs(every.group):
-        apart = drive[one] - drive[other]
-        more, less = np.where(apart > 0, one, other), np.where(apart > 0, other, one)
-        tells = (np.abs(apart) >= MIN_BRAKING) & (np.abs(every.steer[one] - every.steer[other]) < MAX_STEERING)
-        tells &= (drive[more] >= -MAX_ROLLING_BRAKE) & (every.drive[more] >= every.drive[less]).all(axis=1)
-        tells &= np.minimum(every.speed_mps[one], every.speed_mps[other]) > _FASTER_MPS
-        found.append((more[tells], less[tells], (every.way_m[more] - every.way_m[less])[tells]))
+    drive, steer = _totals(every.drive), _totals(every.steer)
+    for more, less, last, apart, never_less in _pairs(every, every.drive):
+        tells = never_less & (apart >= MIN_BRAKING) & (np.abs(_mean_apart(steer, more, less, last)) < MAX_STEERING)
+        ticks = last * OBSERVATION_STRIDE_TICKS
+        tells &= drive[more, ticks] >= -MAX_ROLLING_BRAKE * ticks
+        tells &= np.minimum(every.speed_mps[more], every.speed_mps[less]) > _FASTER_MPS
+        order_m = every.way_m[more, last] - every.way_m[less, last]
+        found.append((more[tells], less[tells], order_m[tells]))
     return _contrary(view, every, found, CLEAR_WAY_M)

@@ -188,7 +188,7 @@ def _ordered(
 
 @rule("BD-GRP-010")
 def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
-    """No candidate without a contact ends to the left of another where it alone steers to the right of it."""
+    """No candidate comes to the left of another before a contact where it alone steers to the right of it."""
 
     def text(more: str, less: str, away_m: float) -> tuple[str, str]:
         return (
@@ -201,7 +201,7 @@ def steering_moves_to_its_side(view: ShardView, selection: Selection, subjects: 
 
 @rule("BD-GRP-011")
 def driving_moves_on(view: ShardView, selection: Selection, subjects: Mask) -> Iterator[Check]:
-    """No candidate without a contact comes less far than another that steers much alike and drives less."""
+    """No candidate comes less far before a contact than another that steers much alike and drives less."""
 
     def text(more: str, less: str, away_m: float) -> tuple[str, str]:
         return (

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import boundary, mutant
+from tests.validator.engine.rules.cases.tracks import COUNTS
 from tests.validator.engine.rules.draft import Draft
 
 Row = dict[str, object]
@@ -88,7 +89,7 @@ def outcomes_that_part_at_the_last_observation(d: Draft) -> None:
 
 
 def _exchange_steering(d: Draft, magnitude: str) -> None:
-    d.set("rollouts", "result_num_static_collisions", None, group_id="g0")
+    d.set("rollouts", COUNTS, None, group_id="g0")
     exchange_outcomes(d, f"steer_left_{magnitude}", f"steer_right_{magnitude}", "g0")
 
 
@@ -99,7 +100,7 @@ def outcomes_of_steering_exchanged(d: Draft) -> None:
 
 @boundary("BD-GRP-010", base="bare")
 def outcomes_of_steerings_that_hardly_differ_exchanged(d: Draft) -> None:
-    d.set("rollouts", "result_num_static_collisions", None, group_id="g0")
+    d.set("rollouts", COUNTS, None, group_id="g0")
     exchange_outcomes(d, "steer_left_0.05", "steer_left_0.10", "g0")
 
 
@@ -117,7 +118,7 @@ def candidate_that_ends_hardly_on_the_other_side(d: Draft) -> None:
 @mutant("BD-GRP-010", base="bare", at={"group_id": "g0"})
 def outcomes_of_steering_to_one_side_exchanged(d: Draft) -> None:
     """Both still end on their side of the nominal, and each where the other one should."""
-    d.set("rollouts", "result_num_static_collisions", None, group_id="g0")
+    d.set("rollouts", COUNTS, None, group_id="g0")
     exchange_outcomes(d, "steer_left_0.05", "steer_left_0.15", "g0")
 
 
@@ -125,7 +126,7 @@ def outcomes_of_steering_to_one_side_exchanged(d: Draft) -> None:
 
 
 def _exchange_driving(d: Draft, one: str, other: str, group_id: str = "g1") -> None:
-    d.set("rollouts", "result_num_static_collisions", None, group_id=group_id)
+    d.set("rollouts", COUNTS, None, group_id=group_id)
     exchange_outcomes(d, one, other, group_id)
 
 
@@ -150,3 +151,11 @@ def outcomes_of_a_vehicle_that_hardly_drives_exchanged(d: Draft) -> None:
     """From a standstill it may roll back."""
     _exchange_driving(d, "brake_0.30", "brake_1.00")
     d.set("observations", "speed_mps", 0.5, group_id="g1", tick=BRANCH_TICK)
+
+
+@boundary("BD-GRP-011", base="bare")
+def outcomes_of_braking_exchanged_where_contacts_count(d: Draft) -> None:
+    """Nobody knows when, and what is pushed comes further."""
+    _exchange_driving(d, "brake_0.30", "brake_1.00")
+    for action_key in ("brake_0.30", "brake_1.00"):
+        d.set("rollouts", COUNTS[0], 1, rollout_id=f"g1.{action_key}.a1")
