@@ -23,7 +23,8 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine import cache as cache_module
-from branchdrive.engine.cache import Cache, CacheUse, caching
+from branchdrive.engine.cache import Cache, caching
+from branchdrive.engine.cache_use import CacheUse
 from branchdrive.engine.report import Report
 from branchdrive.engine.shard import ShardTask
 from branchdrive.engine.stored_result import from_bytes, to_bytes

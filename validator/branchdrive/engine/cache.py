@@ -12,13 +12,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from branchdrive.contract.limits import spec_limits
-from branchdrive.contract.text import counted
 from branchdrive.engine.cache_key import Keys, key_of, may_keep, shard_key
+from branchdrive.engine.cache_use import CacheUse
 from branchdrive.engine.derived_rules import LayersResult
 from branchdrive.engine.shard import ShardResult, ShardTask, spooled_name
 from branchdrive.engine.stored_result import from_bytes, to_bytes
@@ -32,7 +32,7 @@ from branchdrive.runtime.executor import Executor
 from branchdrive.runtime.installation import installation_digest, own_version
 from branchdrive.statistics.random_words import uniforms, words
 
-__all__ = ["Cache", "CacheUse", "Kept", "caching", "is_url", "open_kept"]
+__all__ = ["Cache", "Kept", "caching", "is_url", "open_kept"]
 
 Kept: TypeAlias = PrivateFolder | PrivatePrefix
 """Where results are kept."""
@@ -81,66 +81,6 @@ def open_kept(cache: Cache) -> Kept:
         PlatformError: A library is missing.
     """
     return PrivatePrefix.at(str(cache.path)) if is_url(cache.path) else PrivateFolder.at(cache.path)
-
-
-@dataclass
-class CacheUse:
-    """What a run took of a cache.
-
-    Attributes:
-        shards: Folders of the shards that an earlier run judged.
-        by_version: Those of them whose files were not read, since the versions were those that an earlier run read.
-        num_layer_tasks: Tasks on derived layers that one judged.
-        versions: Versions of the validator that judged them.
-        num_rechecked: How many of both were judged again.
-        num_damaged: Entries that could not be read; what they held was judged again.
-        num_unasked: Tasks for which the cache could not be asked, or did not take what they gave.
-        fault: Why, the first time.
-        differences: Entries that are not what judging again gives.
-    """
-
-    shards: set[str] = field(default_factory=set)
-    by_version: set[str] = field(default_factory=set)
-    num_layer_tasks: int = 0
-    versions: set[str] = field(default_factory=set)
-    num_rechecked: int = 0
-    num_damaged: int = 0
-    num_unasked: int = 0
-    fault: str = ""
-    differences: list[str] = field(default_factory=list)
-
-    def conditions(self, num_shards: int) -> Iterator[str]:
-        """What of it the verdict depends on, one line each.
-
-        Args:
-            num_shards: Shards of the dataset.
-        """
-        if self.shards or self.num_layer_tasks:
-            by = f"judged by an earlier run of version {', '.join(sorted(self.versions))}"
-            again = f"; {self.num_rechecked:,} of these judged again" if self.num_rechecked else ""
-            layers = f" and {counted(self.num_layer_tasks, 'task')} on derived layers" if self.num_layer_tasks else ""
-            yield f"{len(self.shards)} of {counted(num_shards, 'shard')}{layers} {by}{again}"
-        if self.by_version:
-            yield (
-                f"the versions that the store lists stood for the bytes of {len(self.by_version)} of "
-                f"{counted(num_shards, 'shard')}, which were not read"
-            )
-        if self.num_damaged:
-            yield f"{counted(self.num_damaged, 'damaged file')} in the cache, whose tasks were judged again"
-        if self.num_unasked:
-            yield f"the cache did not serve {counted(self.num_unasked, 'task')}, judged without it: {self.fault}"
-
-    def to_json(self) -> dict[str, Any]:
-        """The use as the report schema has it."""
-        return {
-            "shards": len(self.shards),
-            "by_version": len(self.by_version),
-            "layer_tasks": self.num_layer_tasks,
-            "versions": sorted(self.versions),
-            "rechecked": self.num_rechecked,
-            "damaged": self.num_damaged,
-            "unasked": self.num_unasked,
-        }
 
 
 @dataclass(frozen=True)
