@@ -24,6 +24,7 @@ from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine import cache as cache_module
 from branchdrive.engine.cache import Cache, CacheUse, caching
+from branchdrive.engine.cached_task import CachedTask, _is_drawn
 from branchdrive.engine.report import Report
 from branchdrive.engine.shard import ShardTask
 from branchdrive.engine.stored_result import from_bytes, to_bytes
@@ -208,8 +209,8 @@ def test_every_day_others_are_judged_again() -> None:
     keys = [f"{number:064x}" for number in range(400)]
 
     def drawn(day: int, share: float) -> set[str]:
-        once = cache_module._Task(len, (), PrivateFolder(Path()), "run", False, share, day, None)
-        return {key for key in keys if cache_module._is_drawn(once, key)}
+        once = CachedTask(len, (), PrivateFolder(Path()), "run", False, share, day, None)
+        return {key for key in keys if _is_drawn(once, key)}
 
     assert drawn(DAY, 0.0) == set() and drawn(DAY, 1.0) == {*keys}
     assert drawn(DAY, 0.1) < drawn(DAY, 0.2)
