@@ -23,8 +23,8 @@ from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import schema_mismatches
 from branchdrive.contract.rule import CATALOGUE, RULES
 from branchdrive.engine import cache as cache_module
-from branchdrive.engine.cache import Cache, caching
-from branchdrive.engine.cache_use import CacheUse
+from branchdrive.engine.cache import Cache, CacheUse, caching
+from branchdrive.engine.cached_task import CachedTask, _is_drawn
 from branchdrive.engine.report import Report
 from branchdrive.engine.shard import ShardTask
 from branchdrive.engine.stored_result import from_bytes, to_bytes
@@ -74,9 +74,7 @@ def without_cache(report: Report) -> str:
 
 SITUATIONS: dict[str, Callable[[Path], Path]] = {
     "valid": write,
-    "media": lambda root: write(
-        root, synthetic.with_few_attempts(synthetic.media_tables()), synthetic.media_descriptor()
-    ),
+    "media": lambda root: write(root, synthetic.media_tables(), synthetic.media_descriptor()),
     "bare": lambda root: write(root, synthetic.bare_tables(), synthetic.bare_descriptor()),
     "invalid": lambda root: write(root, DEPARTURES["speed out of range"].tables()),
     "repeated attempts": lambda root: write(
@@ -170,18 +168,10 @@ DAMAGES: dict[str, Callable[[Path, Path], object]] = {
 }
 
 
-@pytest.fixture(scope="module")
-def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, str]:
-    """A dataset, a cache of its results, and its report; none of them to be changed."""
-    root, cache = write(tmp_path_factory.mktemp("filled") / "dataset"), tmp_path_factory.mktemp("filled") / "cache"
-    return root, cache, without_cache(validate(root, cache=Cache(cache)))
-
-
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_entry_is_none(
-    damage: str, filled: tuple[Path, Path, str], tmp_path: Path, counting: Counting
-) -> None:
-    root, cache, expected = filled[0], Cache(shutil.copytree(filled[1], tmp_path / "cache")), filled[2]
+def test_a_damaged_entry_is_none(damage: str, tmp_path: Path, counting: Counting) -> None:
+    root, cache = write(tmp_path / "dataset"), Cache(tmp_path / "cache")
+    expected = without_cache(validate(root, cache=cache))
     DAMAGES[damage](*entries(cache))
     counting.num_shards = 0
     report = validate(root, cache=cache)
@@ -205,7 +195,7 @@ def test_what_differs_when_it_is_judged_again_is_a_failure_that_names_the_entry(
     value = from_bytes(content)
     value["result"].num_missing_attempts = 7
     folder.put(liar.stem, to_bytes(value))
-    assert validate(root, cache=cache).dataset.num_missing_attempts == 7  # everyone who can write in it is believed
+    assert validate(root, cache=cache).dataset.num_missing_attempts == 7  # whoever can write in it is believed
     stdout = StringIO()
     code = run(["validate", str(root), "--cache", str(cache.path), "--recheck", "1"], stdout, StringIO())
     report = validate(root, cache=replace(cache, recheck=1.0))
@@ -219,8 +209,8 @@ def test_every_day_others_are_judged_again() -> None:
     keys = [f"{number:064x}" for number in range(400)]
 
     def drawn(day: int, share: float) -> set[str]:
-        once = cache_module._Task(len, (), PrivateFolder(Path()), "run", False, share, day, None)
-        return {key for key in keys if cache_module._is_drawn(once, key)}
+        once = CachedTask(len, (), PrivateFolder(Path()), "run", False, share, day, None)
+        return {key for key in keys if _is_drawn(once, key)}
 
     assert drawn(DAY, 0.0) == set() and drawn(DAY, 1.0) == {*keys}
     assert drawn(DAY, 0.1) < drawn(DAY, 0.2)

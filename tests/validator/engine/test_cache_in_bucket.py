@@ -15,8 +15,7 @@ from tests.validator.engine.datasets import OTHER_FOLDER, write
 from tests.validator.engine.test_cache import without_cache
 
 from branchdrive.cli.main import run
-from branchdrive.engine.cache import Cache
-from branchdrive.engine.cache_use import CacheUse
+from branchdrive.engine.cache import Cache, CacheUse
 from branchdrive.engine.validate import validate
 from branchdrive.errors import PlatformError, UsageError
 from branchdrive.formats import entry, object_client

@@ -23,7 +23,7 @@ from tests.waiting import wait_for
 
 from branchdrive.cli.main import run
 from branchdrive.contract.limits import spec_limits
-from branchdrive.engine import cache as cache_module
+from branchdrive.engine.cached_task import CachedTask
 from branchdrive.engine.shard import ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
 from branchdrive.formats.folder import Folder
@@ -175,7 +175,7 @@ def test_folders_of_datasets_and_spools_are_found_in_tasks(valid_root: Path, tmp
     spool = Spool(tmp_path / "spool")
     for store, folder in ((Folder(valid_root), valid_root), (open_store(archive), archive.parent)):
         task = ShardTask(store, "raw/shard-00000", (), None, frozenset(), is_hashed=True, spool=spool)
-        once = cache_module._Task(audit_shard, task, PrivateFolder(tmp_path / "cache"), "run", False, 0.0, 1, None)
+        once = CachedTask(audit_shard, task, PrivateFolder(tmp_path / "cache"), "run", False, 0.0, 1, None)
         assert {*_places(once)} == {folder, spool.folder, tmp_path / "cache"}
 
 

@@ -11,7 +11,7 @@ from branchdrive.contract.media import MEDIA_MODES, MediaMode
 from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted, listed, quote
-from branchdrive.engine.cache_use import CacheUse
+from branchdrive.engine.cache import CacheUse
 from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.response_summary import ResponseSummary

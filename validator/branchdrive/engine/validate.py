@@ -18,8 +18,7 @@ from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
 from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
-from branchdrive.engine.cache import Cache, caching, is_url, open_kept
-from branchdrive.engine.cache_use import CacheUse
+from branchdrive.engine.cache import Cache, CacheUse, caching, is_url, open_kept
 from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
