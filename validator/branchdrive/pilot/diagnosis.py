@@ -13,7 +13,7 @@ from branchdrive.driving.unit import WrongUnit, is_near, wrong_unit
 from branchdrive.pilot.heading import Reading
 from branchdrive.pilot.motion import Figure
 from branchdrive.pilot.section import Concern
-from branchdrive.raw.motion.calibration import OF_VEHICLE
+from branchdrive.raw.motion.quantity import OF_VEHICLE
 
 __all__ = ["diagnose"]
 

@@ -21,16 +21,9 @@ from numpy.typing import NDArray
 from branchdrive.contract.timing import TICK_S
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.pilot.pilot import Part
-from branchdrive.raw.motion.calibration import (
-    MIN_RATE_RADPS,
-    MIN_SPEED_MPS,
-    MIN_STEPS,
-    OF_VEHICLE,
-    QUANTITIES,
-    Quantity,
-    calibration,
-)
+from branchdrive.raw.motion.calibration import MIN_RATE_RADPS, MIN_SPEED_MPS, MIN_STEPS, calibration
 from branchdrive.raw.motion.contact import is_free
+from branchdrive.raw.motion.quantity import OF_VEHICLE, QUANTITIES, Quantity
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.rules.responses import prevails
 from branchdrive.raw.shard_view import ShardView

@@ -8,7 +8,8 @@ import pytest
 from tests.synthetic import Tables, base_tables, descriptor
 
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.raw.motion.calibration import QUANTITIES, calibration, calibration_between_contacts
+from branchdrive.raw.motion.calibration import calibration, calibration_between_contacts
+from branchdrive.raw.motion.quantity import QUANTITIES
 from branchdrive.raw.shard_view import ShardView
 
 TABLES = next(iter(base_tables().values()))

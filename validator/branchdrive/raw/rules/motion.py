@@ -16,8 +16,9 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import HISTORY_OFFSETS
 from branchdrive.driving.unit import wrong_unit
 from branchdrive.files.survey import Survey
-from branchdrive.raw.motion.calibration import QUANTITIES, calibration_between_contacts, wrong_of_one
+from branchdrive.raw.motion.calibration import calibration_between_contacts
 from branchdrive.raw.motion.contact import is_free, knows_contacts, rest_observations, touches
+from branchdrive.raw.motion.quantity import QUANTITIES, wrong_of_one
 from branchdrive.raw.motion.residual import RELATIONS, Relation, displacement, turn
 from branchdrive.raw.rules.responses import MIN_INTERVENTIONS, prevails
 from branchdrive.raw.shard_view import ShardView

@@ -19,7 +19,7 @@ from branchdrive.driving.response import NO_RESPONSE, Responses, Sights
 from branchdrive.driving.unit import wrong_unit
 from branchdrive.files.group_marks import last_rows
 from branchdrive.files.survey import Survey
-from branchdrive.raw.motion.calibration import OF_VEHICLE, QUANTITIES, Quantity
+from branchdrive.raw.motion.quantity import OF_VEHICLE, QUANTITIES, Quantity
 
 MIN_INTERVENTIONS = 8
 """Interventions, attempts or tracks below which nothing is concluded; nine in ten of fewer is all of them."""
