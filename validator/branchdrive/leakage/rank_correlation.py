@@ -35,7 +35,8 @@ def spearman(ranks: Array, spreads: Array, y: Array, there: Mask) -> Array:
     """
     own, spread = centred_ranks(places_of(y.reshape(-1, 1)), there.reshape(-1).astype(np.float64))
     centred = np.where(there, own.reshape(there.shape), 0.0)
-    return correlations(ranks, spreads, centred.sum(axis=1)[None], spread, int(there.sum()))[0]
+    (found,) = correlations(ranks, spreads, centred.sum(axis=1)[None], spread, int(there.sum()))
+    return np.asarray(found)
 
 
 def correlations(ranks: Array, spreads: Array, others: Array, other_spreads: Array, total: int) -> Array:
@@ -86,7 +87,8 @@ def counts_of(places: Index, weight: Array) -> tuple[Array, Array]:
     """
     num_places = places.max(initial=-1) + 1
     cells = places + num_places * np.arange(len(places))[:, None]
-    mass = np.bincount(cells.ravel(), np.broadcast_to(weight, cells.shape).ravel(), len(places) * num_places)
+    counted = np.bincount(cells.ravel(), np.broadcast_to(weight, cells.shape).ravel(), len(places) * num_places)
+    mass = np.asarray(counted, np.float64)  # of nothing, numpy counts in integers
     return mass.reshape(len(places), num_places), mass[cells]
 
 

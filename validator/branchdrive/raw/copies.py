@@ -25,6 +25,7 @@ from branchdrive.tables.view import StreamView
 __all__ = ["HISTORIES", "Copied", "Copies"]
 
 Index = NDArray[np.int64]
+Rows = NDArray[np.int32]  # tables have fewer
 
 HISTORIES: Mapping[str, int] = MappingProxyType({"observations": 0, "evidence": 0, "actors": 0, "controls": -1})
 """Streams whose rows before the branch are compared, and the offset of the last such row from ``t_b``."""
@@ -39,8 +40,8 @@ _CONTEXT = ("town", "route_x_m", "route_y_m", "ego_length_m", "ego_width_m", "eg
 class Copied(NamedTuple):
     """Rows of a stream that are copies, and the rows of nominals that they copy, which are none; both ``[copies]``."""
 
-    row: Index
-    source: Index
+    row: Rows
+    source: Rows
 
     def source_of(self, row: int) -> int:
         """What a row copies; itself where it is no copy."""
@@ -58,7 +59,7 @@ class Copied(NamedTuple):
         for values in found:
             values[self.row] = values[self.source]
 
-    def distinct(self, row: Index, before: Index, num_rows: int) -> tuple[Index, Index]:
+    def distinct(self, row: NDArray[np.integer], before: NDArray[np.integer], num_rows: int) -> tuple[Index, Index]:
         """Steps from a row to another that repeat none of a source, and the one of them that each step is or repeats.
 
         Args:
@@ -147,7 +148,7 @@ class Copies:
         return _where(kept, row, source)
 
 
-def _where(kept: Mask, row: Index, source: Index) -> Copied:
+def _where(kept: Mask, row: Rows, source: Rows) -> Copied:
     """The copies that are kept; where all are, what there is is not copied."""
     return Copied(row, source) if kept.all() else Copied(row[kept], source[kept])
 
@@ -171,7 +172,7 @@ def _copied(view: ShardView, stream: StreamView, last_offset: int) -> Copied:
         differs = stream.differs(column.name, row, source)
         if differs.any():
             row, source = row[~differs], source[~differs]
-    return Copied(row, source)
+    return Copied(row.astype(np.int32), source.astype(np.int32))
 
 
 def _order(stream: StreamView) -> NDArray[np.intp] | None:

@@ -235,7 +235,7 @@ class StreamView(TableView):
             self._ends = np.append(np.flatnonzero(is_new), len(key))
             rollout, key = rollout[is_new], key[is_new]
         self._rollout, self._key = rollout, key
-        self._rows_of: dict[str, Index] = {}
+        self._rows_of: dict[str, NDArray[np.int32]] = {}  # tables have fewer rows
         self.num_rollouts = num_rollouts
         every = np.arange(num_rollouts)
         self.start = self._first_rows(np.searchsorted(rollout, every, side="left"))
@@ -297,10 +297,10 @@ class StreamView(TableView):
         return self._first_rows(first), self._first_rows(last)
 
     def rows_of(self, other: StreamView) -> Index:
-        """Row here for each row of `other`, as `find` has it; streams share most of their moments."""
+        """Row here for each row of `other`, as `find` has it, made anew; streams share most of their moments."""
         if other.name not in self._rows_of:
-            self._rows_of[other.name] = other.of_moments(self.rows_of_moments(other))
-        return self._rows_of[other.name]
+            self._rows_of[other.name] = other.of_moments(self.rows_of_moments(other).astype(np.int32))
+        return self._rows_of[other.name].astype(np.int64)
 
     def rows_of_moments(self, other: StreamView) -> Index:
         """Row here for each moment of `other`, as `find` has it ``[moments of other]``."""
@@ -353,7 +353,7 @@ class StreamView(TableView):
         """Rollouts that have a row ``[rollouts]``."""
         return np.asarray(self.stop > self.start)
 
-    def with_rows(self, rows: Index) -> Mask:
+    def with_rows(self, rows: NDArray[np.integer]) -> Mask:
         """Rollouts that have one of some rows, which come in the order of rollouts ``[rollouts]``."""
         return np.asarray(np.searchsorted(rows, self.stop) > np.searchsorted(rows, self.start))
 

@@ -24,6 +24,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Rows = NDArray[np.int32]  # tables have fewer
 Mask = NDArray[np.bool_]
 
 
@@ -108,10 +109,10 @@ class ActorSteps(NamedTuple):
         place: The one of these that each step is or repeats ``[steps]``.
     """
 
-    row: Index
-    before: Index
+    row: Rows
+    before: Rows
     distinct: Index
-    place: Index
+    place: Rows
 
 
 def actor_steps(view: ShardView) -> ActorSteps:
@@ -119,8 +120,9 @@ def actor_steps(view: ShardView) -> ActorSteps:
     observations, stream = view.observations, view.stream("actors")
     row, before, *_ = view.cached(tracks)
     compared = np.flatnonzero((before >= 0) & follows(observations)[view.cached(track_frames)])
-    row, before = row[compared], before[compared]
-    return ActorSteps(row, before, *view.cached(Copies).at_moments("actors").distinct(row, before, len(stream)))
+    later, earlier = row[compared].astype(np.int32), before[compared].astype(np.int32)
+    distinct, place = view.cached(Copies).at_moments("actors").distinct(later, earlier, len(stream))
+    return ActorSteps(later, earlier, distinct, place.astype(np.int32))
 
 
 class Displacements(NamedTuple):
@@ -133,7 +135,7 @@ class Displacements(NamedTuple):
         time_s: Time between the rows ``[steps]``.
     """
 
-    row: Index
+    row: NDArray[np.integer]
     residual_m: Array
     most_m: Array
     time_s: Array
@@ -154,7 +156,7 @@ def actor_returns(view: ShardView) -> Displacements:
     return back._replace(most_m=back.most_m + physical_bounds().road_user_mps2 * back.time_s**2 / 4)
 
 
-def _displacements(view: ShardView, rows: Index, before: Index) -> Displacements:
+def _displacements(view: ShardView, rows: NDArray[np.integer], before: NDArray[np.integer]) -> Displacements:
     stream, bounds = view.stream("actors"), physical_bounds()
     time_s = np.asarray(np.subtract(stream["tick"][rows], stream["tick"][before], dtype=np.int64) * TICK_S, np.float64)
     off, way = [], []

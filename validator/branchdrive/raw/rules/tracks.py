@@ -34,7 +34,7 @@ def _of_actors(
     view: ShardView,
     subjects: Mask,
     compared: Mask,
-    rows: NDArray[np.intp],
+    rows: NDArray[np.integer],
     column: str,
     text: Callable[[int], tuple[str, str]],
 ) -> Check:
