@@ -36,6 +36,7 @@ __all__ = [
     "RISK",
     "choose_protocol",
     "keep_risks",
+    "objects_protocol",
     "published_protocol",
     "read_protocol_file",
     "sentences_before_training",
@@ -49,12 +50,27 @@ __all__ = [
 @cache
 def trees_protocol() -> BenchmarkProtocol:
     """The normative protocol with boosted trees, `T3` and as a bound `T3p`; they need the extra `trees`."""
-    models = json.loads(resources.files("branchdrive_reference.benchmark").joinpath("trees.json").read_text("utf-8"))
-    normative = default_protocol().document
-    return read_protocol(normative | {"name": "branchdrive-benchmark-trees", "models": [*normative["models"], *models]})
+    return _with_models("trees", "trees.json")
 
 
-PROTOCOLS = {"structured": default_protocol, "visual": visual_protocol, "trees": trees_protocol}
+@cache
+def objects_protocol() -> BenchmarkProtocol:
+    """That of trees with models of objects, `M3o`, `M3or` and `T3o`, for releases that have them."""
+    return _with_models("objects", "trees.json", "objects.json")
+
+
+def _with_models(name: str, *files: str) -> BenchmarkProtocol:
+    """The normative protocol with further models, under a name of its own."""
+    folder, normative = resources.files("branchdrive_reference.benchmark"), default_protocol().document
+    models = [model for file in files for model in json.loads(folder.joinpath(file).read_text("utf-8"))]
+    return read_protocol(
+        normative | {"name": f"branchdrive-benchmark-{name}", "models": [*normative["models"], *models]}
+    )
+
+
+PROTOCOLS = {
+    "structured": default_protocol, "visual": visual_protocol, "trees": trees_protocol, "objects": objects_protocol,
+}  # fmt: skip
 """Protocols by the names that commands know them by."""
 
 RISK = "benchmark/risk.json"

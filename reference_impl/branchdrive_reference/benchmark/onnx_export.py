@@ -1,7 +1,8 @@
 """The deployable selector: mean predicted scalars of the bank from one context, as an ONNX model.
 
-Inputs are ``state [16, 21]`` and ``controls [80, 3]`` in physical units, float32; the output ``targets [A, 6]`` is in
-the order of the bank and of the targets, in their units. Metadata name the bank, the targets, the checkpoints, and
+Inputs are ``state [16, 21]`` and ``controls [80, 3]`` in physical units, float32, and for a model of objects ``objects
+[16, 32, 11]`` and ``objects_mask [16, 32]``; the output ``targets [A, 6]`` is in the order of the bank and of the
+targets, in their units. Metadata name the bank, the targets, the checkpoints, and
 the scale and weights from which a profile's utility follows, so that nothing else is needed to choose.
 
 A selector that reads cameras takes one observation at a time, before its history where it reads one: ``views
@@ -33,7 +34,7 @@ from branchdrive.driving.feature import InputContract
 from branchdrive.driving.target import TARGETS
 from branchdrive.driving.utility import REVERSED, WEIGHED, Profile, Scale
 from branchdrive.errors import BranchDriveError
-from branchdrive.model.features import HISTORIES
+from branchdrive.model.features import HISTORIES, OBJECT_FEATURES
 from branchdrive.model.reader import ModelLayer
 from branchdrive.runtime.environment import extra
 from branchdrive_reference.benchmark.release import Release, benchmark_data
@@ -93,7 +94,7 @@ def export_selector(
     with extra("export", of="`export`"):
         import onnx
         import onnxscript  # noqa: F401
-    context = tuple(torch.from_numpy(values) for values in contexts_of(release, "train", 1)[0])
+    context = tuple(map(torch.from_numpy, _contexts_for(checkpoints, release, "train", 1)[0]))
     network: BankNetwork | CameraNetwork
     if reads_cameras(checkpoints):
         network = CameraNetwork(checkpoints, release).eval()
@@ -101,7 +102,7 @@ def export_selector(
         names, outputs = [*CAMERA_INPUTS, *network.reads], [OUTPUT, STEPS]
     else:
         network, inputs = BankNetwork(checkpoints, release).eval(), context
-        names, outputs = list(INPUTS), [OUTPUT]
+        names, outputs = list(network.reads), [OUTPUT]
     _use_operators(network)
     log = logging.getLogger("torch.onnx")
     level = log.level
@@ -202,11 +203,12 @@ def check_equal(
         return _equal(found)
     network = BankNetwork(checkpoints, release).eval()
 
-    def predict(state: Array, controls: Array) -> Array:
+    def predict(*context: NDArray[Any]) -> Array:
         with torch.inference_mode():
-            return network(torch.from_numpy(state), torch.from_numpy(controls)).numpy()  # type: ignore[no-any-return]
+            return network(*map(torch.from_numpy, context)).numpy()  # type: ignore[no-any-return]
 
-    return _equal(largest_difference(content, predict, contexts_of(release, partition)))
+    contexts = _contexts_for(checkpoints, release, partition)
+    return _equal(largest_difference(content, predict, contexts, names=network.reads))
 
 
 def _equal(found: float) -> float:
@@ -232,22 +234,27 @@ def open_selector(content: bytes) -> Any:
 
 
 def largest_difference(
-    content: bytes, predict: Callable[[Array, Array], NDArray[Any]], contexts: Sequence[tuple[Array, Array]]
+    content: bytes,
+    predict: Callable[..., NDArray[Any]],
+    contexts: Sequence[tuple[NDArray[Any], ...]],
+    *,
+    names: Sequence[str] = INPUTS,
 ) -> float:
     """Largest of ``|onnx - torch| / max(1, |torch|)`` over contexts.
 
     Args:
         content: The exported model.
-        predict: Targets ``[A, 6]`` from ``state`` and ``controls``, as torch computes them.
-        contexts: Pairs of both.
+        predict: Targets ``[A, 6]`` from the inputs of a context, as torch computes them.
+        contexts: Inputs of each, in the order of `names`.
+        names: Names of the inputs.
 
     Raises:
         PlatformError: The extra is not installed.
     """
     session, largest = open_selector(content), 0.0
-    for state, controls in contexts:
-        (found,) = session.run([OUTPUT], dict(zip(INPUTS, (state, controls), strict=True)))
-        expected = predict(state, controls)
+    for context in contexts:
+        (found,) = session.run([OUTPUT], dict(zip(names, context, strict=True)))
+        expected = predict(*context)
         largest = max(largest, float((np.abs(found - expected) / np.maximum(1.0, np.abs(expected))).max()))
     return largest
 
@@ -288,13 +295,27 @@ def contexts_of(release: ModelLayer, partition: str, most: int | None = None) ->
     return [(np.array(state, np.float32), np.array(controls, np.float32)) for state, controls in pairs]
 
 
+def _contexts_for(
+    checkpoints: Sequence[Checkpoint], release: ModelLayer, partition: str, most: int | None = None
+) -> list[tuple[NDArray[Any], ...]]:
+    """What models take of the contexts of a partition: those of `contexts_of`, with objects where they read some."""
+    found: list[tuple[NDArray[Any], ...]] = [*contexts_of(release, partition, most)]
+    if any(checkpoint.configuration.model.objects for checkpoint in checkpoints):
+        seen = release.objects_inputs(partition)
+        pairs = zip(found, seen.objects, seen.objects_available, strict=False)
+        found = [(*context, np.array(objects), np.array(mask)) for context, objects, mask in pairs]
+    return found
+
+
 def _about(
     checkpoints: Sequence[Checkpoint], release: ModelLayer, scale: Scale, profiles: Mapping[str, Profile]
 ) -> dict[str, Any]:
     images = checkpoints[0].configuration.model.images
     seen = {"cameras": list(VIEW_CAMERAS), "encoding": images[VIEWS].encoding} if VIEWS in images else None
+    objects = checkpoints[0].configuration.model.objects is not None
     return {
         **({} if seen is None else {"branchdrive.views": seen}),
+        **({"branchdrive.objects": [name for name, _ in OBJECT_FEATURES]} if objects else {}),
         "branchdrive.candidates": list(release.candidate_order),
         **{
             f"branchdrive.{name}": [{"name": one.name, "unit": one.unit} for one in HISTORIES[name].features]

@@ -25,13 +25,16 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.manifest import Manifest, read_manifest
 from branchdrive.formats.place import Place
-from branchdrive.formats.table_file import layer_table_paths, read_layer_table, read_table
+from branchdrive.formats.table_file import absent_table, layer_table_paths, read_layer_table, read_table
+from branchdrive.model.objects import OBJECTS
 from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.quality.partition import assignment_of, clusters_of, partition_sizes
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Frame, Values
 
-__all__ = ["Release", "baseline_contexts", "benchmark_data", "open_release", "published_predictions"]
+__all__ = [
+    "Release", "baseline_contexts", "benchmark_data", "need_objects", "open_release", "published_predictions",
+]  # fmt: skip
 
 _READ = ("quality", "model", BENCHMARK)
 _REMEDY = "restore it, or run `branchdrive build` to make the derived layers again"
@@ -169,6 +172,16 @@ def benchmark_data(release: Release) -> BenchmarkData:
     tables = (*DATA_TABLES, *([ENDINGS] if has_endings else []))
     frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in tables}
     return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
+
+
+def need_objects(release: Release) -> None:
+    """Make sure that the release tells what sensors see of others.
+
+    Raises:
+        DatasetError: It does not.
+    """
+    if not table_paths(OBJECTS, release.manifest.files):
+        raise absent_table(release.layer.folder, OBJECTS)
 
 
 def baseline_contexts(release: Release, protocol: BenchmarkProtocol, data: BenchmarkData) -> Contexts | None:

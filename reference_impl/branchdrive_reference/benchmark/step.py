@@ -16,6 +16,7 @@ from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE, RANKING_LOCK_FILE
+from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import delete
 from branchdrive.runtime.executor import Executor
@@ -23,7 +24,7 @@ from branchdrive_reference.benchmark.document import waiting_risks
 from branchdrive_reference.benchmark.guard.fold import fit_guard, fold_tasks
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, lock_facts
 from branchdrive_reference.benchmark.prediction import predict_all
-from branchdrive_reference.benchmark.release import Release, benchmark_data
+from branchdrive_reference.benchmark.release import Release, benchmark_data, need_objects
 from branchdrive_reference.benchmark.training import drop_stale, model_tasks, train
 from branchdrive_reference.benchmark.workspace import Workspace
 from branchdrive_reference.learning.checkpoint import Checkpoint, read_checkpoint
@@ -78,7 +79,7 @@ def train_step(
     Raises:
         PlatformError: Trees are missing, and the extra for them is not installed.
         UsageError: As `train_models`, no model is called so, or the guard cannot be fitted.
-        DatasetError: The release or a checkpoint cannot be read.
+        DatasetError: The release or a checkpoint cannot be read, or it has no objects and a model reads some.
     """
     release, begin = workspace.release, time.monotonic()
     tasks = model_tasks(protocol, models)
@@ -89,6 +90,8 @@ def train_step(
     missing = [task for task in tasks if not task.path(workspace.checkpoints).exists()]
     if any(task.configuration.model.trees for task in missing):
         need_scikit_learn()
+    if any(task.configuration.model.contract == InputContract.OBJECTS.value for task in missing):
+        need_objects(release)
     num_there = len(tasks) - len(missing)
     with progress("training") as show:
         train(release, workspace.checkpoints, tasks, jobs=jobs, executor=executor, device=device, show=show)

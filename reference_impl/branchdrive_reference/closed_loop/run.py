@@ -11,6 +11,7 @@ from typing import Any
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE
+from branchdrive.driving.feature import InputContract
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import make_dir, replace_file
 from branchdrive.runtime.environment import extra
@@ -165,6 +166,8 @@ def _exported(release: Release, protocol: BenchmarkProtocol, model: str, folder:
     checkpoints = [] if lock is None or declared is None else locked_checkpoints(release, lock, model)
     if not checkpoints:
         raise UsageError(f"{release.root}: has no locked checkpoint of {model!r}; run `branchdrive benchmark` first")
+    if declared is not None and declared.contract == InputContract.OBJECTS.value:
+        raise UsageError(f"{model!r} reads objects, which drives do not tell yet; choose a model under `sensor`")
     content, _ = export_locked(release, protocol, checkpoints)
     make_dir(folder)
     path = folder / f"{model}.onnx"

@@ -18,7 +18,8 @@ M3        histories, actions   553,784     0.553
 M3r       histories, actions   553,784
 ========  ===================  ==========  =============
 
-M3r is M3, trained for decisions as well; it is no model of the paper.
+M3r is M3, trained for decisions as well; M3o and M3or are the two with objects beside the history, for releases that
+have them. These are no models of the paper.
 
 Source: paper, "Research Questions and Experimental Protocol" (optimiser, schedule, loss, batch size, seeds); widths,
 learning rate and weight decay are this project's choice, widths so that the numbers of parameters are near the
@@ -42,6 +43,7 @@ from branchdrive.benchmark.protocol.protocol import DeclaredModel
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
+from branchdrive.contract.timing import HISTORY_OBSERVATIONS
 from branchdrive.driving.feature import InputContract
 from branchdrive.driving.utility import Profile
 from branchdrive.errors import DatasetError, UsageError
@@ -56,6 +58,7 @@ __all__ = [
     "HistoryConfig",
     "ImagesConfig",
     "ModelConfig",
+    "ObjectsConfig",
     "PreferenceConfig",
     "TrainingConfig",
     "TreesConfig",
@@ -151,6 +154,25 @@ class ImagesConfig:
 
 
 @dataclass(frozen=True)
+class ObjectsConfig:
+    """Encoder of the objects that sensors tell of, by attention.
+
+    Attributes:
+        observations: The last observations of the history whose objects are read.
+        object_width: Width of an encoded object.
+        heads: Ways of attending to them.
+        width: Width of the encoding.
+    """
+
+    __pydantic_config__ = _NOTHING_ELSE
+
+    observations: Annotated[int, Field(ge=1, le=HISTORY_OBSERVATIONS)]
+    object_width: Width
+    heads: Annotated[int, Field(ge=1, le=16)]
+    width: Width
+
+
+@dataclass(frozen=True)
 class TreesConfig:
     """Gradient-boosted trees of every target.
 
@@ -179,7 +201,11 @@ class ModelConfig:
         fusion_width: Width of the fusion from which the outcome is read.
         history: Encoder of histories, ``None`` for a model that reads none.
         action: Encoder of actions, ``None`` for a model that makes one prediction for the whole bank.
-        trees: Boosted trees in place of encoders, which read histories and actions; ``None`` for a network.
+        trees: Boosted trees in place of encoders, which read all inputs of the contract and actions; ``None`` for a
+            network.
+        views: Encoder of surround views.
+        bev: Encoder of the bird's-eye view.
+        objects: Encoder of objects, for the contract of that name.
     """
 
     __pydantic_config__ = _NOTHING_ELSE
@@ -192,8 +218,11 @@ class ModelConfig:
     trees: TreesConfig | None = None
     views: ImagesConfig | None = None
     bev: ImagesConfig | None = None
+    objects: ObjectsConfig | None = None
 
     def __post_init__(self) -> None:
+        if self.objects is not None and (self.trees is not None or self.contract != InputContract.OBJECTS.value):
+            raise ValueError("`objects` are encoded by networks under the contract 'objects', and by no others")
         for name, images in self.images.items():
             if ENCODINGS[images.encoding].input != name:
                 raise ValueError(f"the encoding {images.encoding!r} is not one of `{name}`")
@@ -212,7 +241,8 @@ class ModelConfig:
     @property
     def is_trained(self) -> bool:
         """Whether there are weights to train by descent."""
-        return self.trees is None and (self.history is not None or self.action is not None or bool(self.images))
+        encoders = (self.history, self.action, self.objects, *self.images.values())
+        return self.trees is None and any(encoder is not None for encoder in encoders)
 
     @property
     def reads_actions(self) -> bool:

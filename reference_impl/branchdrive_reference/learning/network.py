@@ -31,6 +31,7 @@ from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive_reference.learning.configuration import ActionConfig, HistoryConfig, ModelConfig
 from branchdrive_reference.learning.image_network import ImageHistoryEncoder
+from branchdrive_reference.learning.objects_network import ObjectsEncoder
 from branchdrive_reference.learning.outcome import Outcome
 from branchdrive_reference.learning.stream import WEIGHTS, stream
 from branchdrive_reference.learning.trees import TreesNetwork
@@ -53,7 +54,7 @@ PATH_SHAPE = (FUTURE_OBSERVATIONS, len(TRAJECTORY))
 STATE_FEATURES = len(SENSOR_PROFILE.state)
 STEP_CONTROLS = OBSERVATION_STRIDE_TICKS * len(SENSOR_PROFILE.controls)
 
-HISTORY, ACTION = "history", "action"
+HISTORY, ACTION, OBJECTS = "history", "action", "objects"
 """Names of the halves of the fusion."""
 
 
@@ -140,10 +141,12 @@ class OutcomeNetwork(nn.Module):
 
     def __init__(self, config: ModelConfig, num_action_features: int) -> None:
         super().__init__()
-        contexts: dict[str, HistoryEncoder | ImageHistoryEncoder] = {}
+        contexts: dict[str, HistoryEncoder | ImageHistoryEncoder | ObjectsEncoder] = {}
         if config.history is not None:
             contexts[HISTORY] = HistoryEncoder(config.history)
         contexts |= {name: ImageHistoryEncoder(images) for name, images in config.images.items()}
+        if config.objects is not None:
+            contexts[OBJECTS] = ObjectsEncoder(config.objects)
         self.contexts = nn.ModuleDict(contexts)
         self._reads = {name: encoder.reads for name, encoder in contexts.items()}
         self.bank = None if config.action is None else ActionEncoder(config.action, num_action_features)

@@ -28,9 +28,17 @@ from branchdrive_reference.learning.checkpoint import Checkpoint
 from branchdrive_reference.learning.image_encoder import open_encoder
 from branchdrive_reference.learning.image_encoding import ENCODINGS, STREAM_OF, VIEWS
 from branchdrive_reference.learning.image_network import ImageHistoryEncoder
-from branchdrive_reference.learning.network import HISTORY, ActionEncoder, Decoder, HistoryEncoder, OutcomeNetwork
+from branchdrive_reference.learning.network import (
+    HISTORY,
+    OBJECTS,
+    ActionEncoder,
+    Decoder,
+    HistoryEncoder,
+    OutcomeNetwork,
+)
+from branchdrive_reference.learning.objects_network import ObjectsEncoder
 from branchdrive_reference.learning.prediction import check_release
-from branchdrive_reference.learning.stacked import SeedHistories, StackedDecoder, StackedImages
+from branchdrive_reference.learning.stacked import SeedHistories, SeedObjects, StackedDecoder, StackedImages
 
 __all__ = [
     "BankNetwork",
@@ -90,15 +98,28 @@ class BankRanker:
         self.network = BankNetwork(checkpoints, release)
         self._scale, self._profile = scale, profile
 
-    def __call__(self, state: ArrayLike, controls: ArrayLike) -> Ranking:
+    def __call__(
+        self, state: ArrayLike, controls: ArrayLike, objects: ArrayLike | None = None, mask: ArrayLike | None = None
+    ) -> Ranking:
         """Rank from one context.
 
         Args:
             state: ``[16, 21]`` in physical units.
             controls: ``[80, 3]`` in physical units.
+            objects: ``[16, 32, 11]``, for a model that reads objects.
+            mask: Which of them there are ``[16, 32]``.
+
+        Raises:
+            UsageError: The model reads objects and has none, or has some and reads none.
         """
+        seen = [given for given in (objects, mask) if given is not None]
+        if len(seen) != len(self.network.reads) - 2:
+            raise UsageError(f"the model reads {list(self.network.reads)}; give it that and no more")
+        context = _context(state, controls)
+        if seen:
+            context += [*_context(seen[0]), torch.from_numpy(np.array(seen[1], np.bool_))]
         with torch.inference_mode():
-            return Ranking.of(self.network(*_context(state, controls)), self._scale, self._profile)
+            return Ranking.of(self.network(*context), self._scale, self._profile)
 
 
 class CameraRanker:
@@ -189,21 +210,33 @@ class StepRing:
 class BankNetwork(nn.Module):
     """Mean predicted scalars of the bank: ``state [16, 21]`` and ``controls [80, 3]`` to ``[A, 6]``, in their units.
 
+    A model of objects takes ``objects [16, 32, 11]`` and ``objects_mask [16, 32]`` besides.
     It is made of tensor operations with fixed shapes alone, so that it can be traced and exported.
     See `BankRanker` for arguments and errors.
+
+    Attributes:
+        reads: Names of its inputs.
     """
 
     def __init__(self, checkpoints: Sequence[Checkpoint], release: ModelLayer) -> None:
         super().__init__()
         networks = _networks(checkpoints, release)
-        if any(encoders.keys() != {HISTORY} for encoders, _, _ in networks):
-            raise UsageError(f"{checkpoints[0].provenance.model} is no model of histories and actions alone")
+        if any(encoders.keys() - {OBJECTS} != {HISTORY} for encoders, _, _ in networks):
+            raise UsageError(f"{checkpoints[0].provenance.model} is no model of histories, objects and actions alone")
+        encoders = [found[OBJECTS] for found, _, _ in networks if OBJECTS in found]
+        seen = [encoder for encoder in encoders if isinstance(encoder, ObjectsEncoder)]
+        self.reads = (*HistoryEncoder.reads, *(ObjectsEncoder.reads[1:] if seen else ()))
         with torch.no_grad():
             self.history, self.decoder = _history(networks, release), _decoder(networks, release)
+            decoders = [decoder for _, _, decoder in networks]
+            self.objects = SeedObjects(seen, decoders, release) if seen else None
 
-    def forward(self, state: Tensor, controls: Tensor) -> Tensor:
+    def forward(self, state: Tensor, controls: Tensor, *seen: Tensor) -> Tensor:
         """From a context in physical units."""
-        scalars: Tensor = self.decoder(self.history(state, controls))
+        context = self.history(state, controls)
+        if self.objects is not None:
+            context = context + self.objects(state, *seen)
+        scalars: Tensor = self.decoder(context)
         return scalars
 
 

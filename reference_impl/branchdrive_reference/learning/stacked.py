@@ -23,12 +23,14 @@ from branchdrive_reference.learning.image_network import ImageHistoryEncoder
 from branchdrive_reference.learning.network import (
     ACTION,
     HISTORY,
+    OBJECTS,
     ActionEncoder,
     Decoder,
     HistoryEncoder,
 )
+from branchdrive_reference.learning.objects_network import ObjectsEncoder
 
-__all__ = ["SeedHistories", "StackedDecoder", "StackedImages"]
+__all__ = ["SeedHistories", "SeedObjects", "StackedDecoder", "StackedImages"]
 
 
 class _Stack(nn.Module):
@@ -46,7 +48,35 @@ class _Stack(nn.Module):
         self._keep(shift, [layer.bias[None] for layer in layers])
 
 
-class SeedHistories(_Stack):
+class _Scaled(_Stack):
+    """Scales histories as a release does.
+
+    Args:
+        release: Of which only scalings are read.
+        names: Histories that are scaled.
+    """
+
+    state_recorded: Tensor | None
+
+    def __init__(self, release: ModelLayer, *names: str) -> None:
+        super().__init__()
+        scalings = release.scalings()
+        for name in names:
+            for part in ("offset", "scale", "limit"):
+                self.register_buffer(f"{name}_{part}", _float32(getattr(getattr(scalings, name), part)))
+        is_recorded = recorded_features("state", release.descriptor)
+        self.register_buffer("state_recorded", None if is_recorded.all() else torch.from_numpy(is_recorded))
+
+    def _scaled_state(self, state: Tensor) -> Tensor:
+        known = state if self.state_recorded is None else torch.where(self.state_recorded, state, 0.0)
+        return self._scaled("state", known)
+
+    def _scaled(self, name: str, values: Tensor) -> Tensor:
+        offset, scale, limit = (getattr(self, f"{name}_{part}") for part in ("offset", "scale", "limit"))
+        return torch.minimum(torch.maximum((values - offset) / scale, -limit), limit)
+
+
+class SeedHistories(_Scaled):
     """What ``state [16, 21]`` and ``controls [80, 3]`` add to the fusion of every seed, ``[seeds, 1, fusion width]``.
 
     Recurrences run one after the other: the weights of one stay in a near cache for all of its steps.
@@ -57,29 +87,36 @@ class SeedHistories(_Stack):
         release: The release they were trained on; only scalings are read.
     """
 
-    state_recorded: Tensor | None
     share: Tensor
 
     def __init__(self, encoders: Sequence[HistoryEncoder], decoders: Sequence[Decoder], release: ModelLayer) -> None:
-        super().__init__()
+        super().__init__(release, "state", "controls")
         self.encoders = nn.ModuleList(encoders)
         self._keep("share", [decoder.halves[HISTORY].T for decoder in decoders])
-        scalings = release.scalings()
-        for name, scaling in (("state", scalings.state), ("controls", scalings.controls)):
-            for part in ("offset", "scale", "limit"):
-                self.register_buffer(f"{name}_{part}", _float32(getattr(scaling, part)))
-        is_recorded = recorded_features("state", release.descriptor)
-        self.register_buffer("state_recorded", None if is_recorded.all() else torch.from_numpy(is_recorded))
 
     def forward(self, state: Tensor, controls: Tensor) -> Tensor:
         """From a context in physical units."""
-        known = state if self.state_recorded is None else torch.where(self.state_recorded, state, 0.0)
-        scaled = self._scaled("state", known)[None], self._scaled("controls", controls)[None]
+        scaled = self._scaled_state(state)[None], self._scaled("controls", controls)[None]
         return torch.bmm(torch.stack([encoder(*scaled) for encoder in self.encoders]), self.share)
 
-    def _scaled(self, name: str, values: Tensor) -> Tensor:
-        offset, scale, limit = (getattr(self, f"{name}_{part}") for part in ("offset", "scale", "limit"))
-        return torch.minimum(torch.maximum((values - offset) / scale, -limit), limit)
+
+class SeedObjects(_Scaled):
+    """What objects ``[16, 32, 11]`` and their mask ``[16, 32]``, beside the state ``[16, 21]``, add to the fusion.
+
+    See `SeedHistories`.
+    """
+
+    share: Tensor
+
+    def __init__(self, encoders: Sequence[ObjectsEncoder], decoders: Sequence[Decoder], release: ModelLayer) -> None:
+        super().__init__(release, "state")
+        self.encoders = nn.ModuleList(encoders)
+        self._keep("share", [decoder.halves[OBJECTS].T for decoder in decoders])
+
+    def forward(self, state: Tensor, objects: Tensor, mask: Tensor) -> Tensor:
+        """From a context in physical units, ``[seeds, 1, fusion width]``."""
+        given = self._scaled_state(state)[None], objects[None], mask[None]
+        return torch.bmm(torch.stack([encoder(*given) for encoder in self.encoders]), self.share)
 
 
 class StackedImages(_Stack):

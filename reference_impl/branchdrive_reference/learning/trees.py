@@ -6,6 +6,7 @@ available. A row is one candidate of one group::
     x = [last, mean, min, max of every feature of every history, encoded action]      what is not available is -1000
     y = base + sum_i tree_i(x)
 
+Objects at the branch are such a window too, the nearest one last, beside their number.
 Trees are kept as tables of nodes, so that prediction takes no scikit-learn. Trajectories are the training mean: the
 model is made for selections, which read scalars alone.
 
@@ -26,6 +27,7 @@ from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.runtime.environment import extra
 from branchdrive_reference.learning.configuration import TreesConfig
+from branchdrive_reference.learning.objects_network import object_parts
 from branchdrive_reference.learning.outcome import Outcome
 
 __all__ = ["TreesNetwork", "need_scikit_learn", "tree_rows"]
@@ -150,7 +152,7 @@ def need_scikit_learn() -> None:
 
 def tree_rows(inputs: Mapping[str, Tensor]) -> Tensor:
     """What the trees read, float64 ``[groups * candidates, features]``, candidates of a group one after another."""
-    parts = []
+    parts = [] if "objects" not in inputs else [_objects(inputs["objects"], inputs["objects_mask"])]
     for name in HISTORIES:
         if name in inputs:
             values = inputs[name].float().double()
@@ -159,6 +161,16 @@ def tree_rows(inputs: Mapping[str, Tensor]) -> Tensor:
     contexts, actions = torch.cat(parts, dim=1), inputs["actions"].float().double()
     num_candidates = len(actions)
     return torch.cat([contexts.repeat_interleave(num_candidates, 0), actions.repeat(len(contexts), 1)], dim=1)
+
+
+def _objects(objects: Tensor, mask: Tensor) -> Tensor:
+    """Summaries of the objects at the branch, the nearest one last, and how many there are: ``[B, 4 * 14 + 1]``."""
+    parts, there = object_parts(objects[:, -1].float().double()), mask[:, -1]
+    far = torch.where(there, parts[..., -2], torch.inf)
+    order = torch.argsort(far, dim=1, descending=True, stable=True)
+    parts = parts.gather(1, order[..., None].expand_as(parts))
+    there = there.gather(1, order)[..., None].expand_as(parts)
+    return torch.cat([_summaries(parts, there), mask[:, -1].sum(1, keepdim=True).double()], dim=1)
 
 
 def _summaries(values: Tensor, there: Tensor) -> Tensor:

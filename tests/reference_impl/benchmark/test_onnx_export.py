@@ -55,6 +55,6 @@ def test_only_locked_models_that_rank_are_exported(bare: Path, done: Path, tmp_p
     with pytest.raises(UsageError, match=r"has no locked checkpoint of 'M3'; run `branchdrive predict` first"):
         invoke("export", bare, "--output", tmp_path / "selector.onnx")
     pytest.importorskip("onnx")
-    with pytest.raises(UsageError, match="M1 is no model of histories and actions alone"):
+    with pytest.raises(UsageError, match="M1 is no model of histories, objects and actions alone"):
         invoke("export", done, "--model", "M1", "--output", tmp_path / "selector.onnx")
     assert not (tmp_path / "selector.onnx").exists()

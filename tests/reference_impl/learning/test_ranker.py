@@ -183,7 +183,7 @@ def test_other_models_are_refused(release: Path, trained: list[Checkpoint], scal
     assert can_rank(trained) and not can_rank([action]) and not can_rank([*trained, action])
     wider = train_model(release, tmp_path, small("M3", patience=2), seed=11)
     for checkpoints, root, message in (
-        ([action], layer, "M1 is no model of histories and actions alone"),
+        ([action], layer, "M1 is no model of histories, objects and actions alone"),
         ([trained[0], wider], layer, "2 checkpoints are not seeds of one configuration"),
         ([], layer, "0 checkpoints are not seeds of one configuration"),
         (trained, other, "was trained under another split or normalisation"),

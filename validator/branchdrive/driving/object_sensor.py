@@ -130,7 +130,8 @@ def in_sight(bodies: Bodies, moment: Index, rank: Index, num_moments: int) -> Ma
     hides &= others
     hides &= np.abs(m_y) < half_width + size_y
     hides &= np.abs(d_x * m_y - d_y * m_x) < half_length * size_y + half_width * size_x
-    return np.asarray(~hides.any(axis=3).all(axis=2)[moment, rank])
+    is_hidden = np.logical_or.reduce(hides, axis=3)[moment, rank]
+    return np.asarray(~np.logical_and.reduce(is_hidden, axis=1))
 
 
 def measured(bodies: Bodies, ego_yaw_rad: Array, variates: Array) -> Bodies:

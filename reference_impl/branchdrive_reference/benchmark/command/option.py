@@ -40,8 +40,8 @@ def add_protocol(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--protocol", metavar="FILE", type=Path,
         help="benchmark protocol as JSON, or `structured` or `visual` for those of this version, or `trees` for the "
-        "first with boosted trees (default: the one in use in the release, else `visual` where it has images and "
-        "`structured` where not)",
+        "first with boosted trees, `objects` for that with models of objects (default: the one in use in the release, "
+        "else `visual` where it has images and `structured` where not)",
     )  # fmt: skip
 
 
