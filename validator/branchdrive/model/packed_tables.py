@@ -102,7 +102,7 @@ class PackedTables:
     @cached_property
     def objects(self) -> arrays.PackedObjects:
         """What sensors tell of others; a layer without the table is a `DatasetError`."""
-        return arrays.pack_objects(self.frame(OBJECTS), tuple(self.partitions))
+        return arrays.pack_objects(self.frame(OBJECTS), tuple(self.assignment))
 
     @cached_property
     def actions(self) -> NDArray[np.float32] | None:
