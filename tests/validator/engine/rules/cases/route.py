@@ -87,7 +87,9 @@ def target_points_at_the_end_of_the_route(d: Draft) -> None:
 def second_target_point_that_is_the_first(d: Draft) -> None:
     rows = d.take("observations", rollout_id=BRAKE)
     d.fill(
-        "observations", {new: rows[old] for old, new in zip(TARGETS[:2], TARGETS[2:], strict=True)}, rollout_id=BRAKE
+        "observations",
+        {new: rows[old].to_numpy() for old, new in zip(TARGETS[:2], TARGETS[2:], strict=True)},
+        rollout_id=BRAKE,
     )
 
 
