@@ -26,13 +26,6 @@ def test_the_gradient_vanishes() -> None:
     np.testing.assert_allclose(gradient, 0.0, atol=1e-4)
 
 
-def test_rows_in_parts_give_the_same_weights(monkeypatch: pytest.MonkeyPatch) -> None:
-    x, classes = sample(60, 2, 3)
-    whole = fit_logistic(x, classes, 3, penalty=1.0)
-    monkeypatch.setattr(classifier, "_VALUES_AT_ONCE", 70)
-    np.testing.assert_allclose(fit_logistic(x, classes, 3, penalty=1.0), whole, rtol=1e-9)
-
-
 def test_a_general_minimiser_finds_the_same() -> None:
     x, classes = sample(60, 2, 3)
 

@@ -33,8 +33,6 @@ Array = NDArray[np.float64]
 _MAX_STEPS = 50
 _MAX_HALVINGS = 30
 _TOLERANCE = 1e-10
-_VALUES_AT_ONCE = 1 << 20
-"""Weighted features that a product is formed of at once: 8 MiB."""
 
 ENTRY_POINTS = "branchdrive.leakage"
 """Entry-point group that names a sequence classifier."""
@@ -92,17 +90,14 @@ def fit_logistic(features: Array, classes: NDArray[np.intp], num_classes: int, *
 def _curvature(x: Array, p: Array, penalty: float) -> Array:
     """Second derivative, ``[classes * (features + 1)]`` squared, classes outermost."""
     num_features, num_classes = x.shape[1], p.shape[1]
-    curvature = np.zeros((num_classes * num_features,) * 2)
-    own = np.zeros((num_features, num_classes, num_features))
-    at_once = max(1, _VALUES_AT_ONCE // len(curvature))
-    for start in range(0, len(x), at_once):
-        rows = x[start : start + at_once]
-        weighted = (p[start : start + at_once, :, None] * rows[:, None]).reshape(len(rows), -1)
-        curvature -= weighted.T @ weighted
-        own += (rows.T @ weighted).reshape(own.shape)
-    blocks = curvature.reshape(num_classes, num_features, num_classes, num_features)
-    classes = np.arange(num_classes)
-    blocks[classes, :, classes] += own.transpose(1, 0, 2)
+    blocks = np.empty((num_classes, num_features, num_classes, num_features))
+    for first in range(num_classes):
+        for second in range(first, num_classes):
+            weight = p[:, first] * ((first == second) - p[:, second])
+            block = (x * weight[:, None]).T @ x
+            blocks[first, :, second] = block
+            blocks[second, :, first] = block.T
+    curvature = blocks.reshape(num_classes * num_features, -1)
     curvature[np.diag_indices(len(curvature))] += penalty
     return curvature
 
