@@ -82,6 +82,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrong.add_argument("--replay-noise", metavar="STRENGTH", type=strength, help="noise of replays, as in a collection")
     wrong.add_argument("--sensor-noise", metavar="STRENGTH", type=strength, help="noise on what selectors see")
     work = parser.add_argument_group("how to work")
+    work.add_argument(
+        "--record", action="store_true", help="keep what is driven as a raw dataset too, in the folder `dataset` of DIR"
+    )
     work.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     work.add_argument(
         "--format", choices=("text", "markdown", "json"), default="text",
@@ -137,6 +140,7 @@ def _request(args: argparse.Namespace) -> Request:
         schedules=tuple(Schedule(args.every, number) for number in numbers),
         conditions=tuple(conditions),
         world=args.world,
+        is_recorded=args.record,
         jobs=args.jobs,
     )
 

@@ -22,6 +22,7 @@ from tests.repo.checkout import ROOT
 
 from branchdrive.collector.world import Scene
 from branchdrive.contract.bank import load_action_bank
+from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import partial_path
 from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
@@ -29,6 +30,7 @@ from branchdrive_reference.closed_loop.course import Course, Schedule
 from branchdrive_reference.closed_loop.external import External
 from branchdrive_reference.closed_loop.lock import LOCK_NAME
 from branchdrive_reference.closed_loop.plan import make_plan
+from branchdrive_reference.closed_loop.recorder import DRIVES_DIR
 from branchdrive_reference.closed_loop.run import Request, drive_release
 from branchdrive_reference.closed_loop.sight import SensorNoise, Sight
 from branchdrive_reference.closed_loop.site import Nominal, Route
@@ -56,6 +58,7 @@ def request_(bare: Path, tmp_path: Path) -> Request:
         seed=5,
         schedules=(Schedule(50, 1), Schedule(50, 2)),
         conditions=(Condition(CONDITIONS[0]), Condition(CONDITIONS[2], sensor=1.0)),
+        is_recorded=True,
     )
 
 
@@ -81,6 +84,11 @@ def killed(request: Request) -> int:
     """Status of a process that drives until it is killed."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run([sys.executable, "-c", KILLED], input=pickle.dumps(request), env=environment).returncode
+
+
+def groups_of(request: Request) -> list[dict[str, Any]]:
+    """What was written of each group."""
+    return [json.loads(path.read_bytes()) for path in sorted((request.output / "groups").iterdir())]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -110,6 +118,12 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     written = first.stat().st_mtime_ns
     drive(request_)
     assert first.stat().st_mtime_ns == written and contents(request_.output) == contents(whole.output)
+
+    report = validate(whole.output / DRIVES_DIR)
+    assert report.verdict == "valid"
+    examined = {tally.rule_id: tally.examined for tally in report.tallies}
+    driven = {(one["group_id"], d["num_decisions"], *d["choices"]) for one in groups_of(whole) for d in one["drives"]}
+    assert examined["BD-CTL-016"] == len(driven) and examined["BD-CTL-009"] == len(driven) + 3
 
     with pytest.raises(UsageError, match="another lock"):
         drive(replace(request_, seed=6))
