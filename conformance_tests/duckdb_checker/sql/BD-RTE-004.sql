@@ -24,8 +24,8 @@ with target as (
 ), point as (
     -- the second is in order of the first, or at the end
     select o.run, t.nominal_run, o.rollout_id, o.group_id, o.tick, o.x_m, o.y_m, o.route_progress_m::double as progress, route, p.number,
-        most, $route_tolerance_m + slack + 1e-6 * o.route_progress_m as room,
-        case when p.number = 1 then ahead else (
+        p.most, $route_tolerance_m + p.slack + 1e-6 * o.route_progress_m as room,
+        case when p.number = 1 then p.ahead else (
             select min(f.s) from foot f join attempt_route r using (run)
             where f.id = p.id and f.number = 2 and f.s >= least(
                 one.ahead + $route_tolerance_m + 1e-6 * one.ahead, r.total - $route_tolerance_m - 1e-6 * r.total)) end as least
