@@ -45,14 +45,6 @@ def _leave_to_the_expert(d: Draft, rollout_id: str, ticks: range) -> None:
     d.fill("controls", columns, rollout_id=rollout_id, tick=ticks)
 
 
-# BD-KEY-008
-
-
-@mutant("BD-KEY-008", at={"table": "rollouts", "column": "action_key", "rollout_id": "g1.brake_0.50.a2"})
-def drive_without_a_stream_of_decisions(d: Draft) -> None:
-    d.set("rollouts", "role", "drive", rollout_id="g1.brake_0.50.a2")
-
-
 # BD-KEY-009
 
 
@@ -166,8 +158,3 @@ def drive_that_was_called_partial(d: Draft) -> None:
     d.set("rollouts", "status", "partial", rollout_id=BRAKES)
     d.set("rollouts", "status_reason", "the policy let go too early", rollout_id=BRAKES)
     _leave_to_the_expert(d, BRAKES, range(LAST, LAST + 1))
-
-
-@boundary("BD-BNK-001", "BD-GRP-001", base="drives", status="not-claimed")
-def drives_without_an_intervention(d: Draft) -> None:
-    assert "intervention" not in d.take("rollouts")["role"].to_pylist()
