@@ -22,7 +22,7 @@ from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
 if TYPE_CHECKING:
     from branchdrive_reference.closed_loop.run import Request
 
-__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "request_of", "run"]
 
 SUMMARY = "let selectors drive, closed loop, where none was trained"
 ORDER = 185
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     raise_if_noted()
     try:
         with heeded_termination(), progress_bar(stderr, "driving groups") as show:
-            found = drive_release(_request(args), watch=lambda done, total: show(done, total))
+            found = drive_release(request_of(args), watch=lambda done, total: show(done, total))
     except KeyboardInterrupt as interrupt:
         stderr.write("interrupted; run the same command to go on\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
@@ -121,7 +121,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return 0
 
 
-def _request(args: argparse.Namespace) -> Request:
+def request_of(args: argparse.Namespace) -> Request:
+    """What the arguments ask for."""
     from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
     from branchdrive_reference.closed_loop.course import Schedule
     from branchdrive_reference.closed_loop.run import Request

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import pickle
@@ -25,6 +26,7 @@ from branchdrive.contract.bank import load_action_bank
 from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import partial_path
+from branchdrive_reference.closed_loop import command
 from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
 from branchdrive_reference.closed_loop.course import Course, Schedule
 from branchdrive_reference.closed_loop.external import External
@@ -134,6 +136,26 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     entries = json.loads((tmp_path / "release.drives.json").read_bytes())["entries"]
     assert [entry["number"] for entry in entries] == [1, 2]
     assert len({entry["plan_digest"] for entry in entries}) == 1
+
+
+def test_a_run_without_a_record_is_driven_again_for_one(request_: Request, tmp_path: Path) -> None:
+    short = replace(request_, selectors=("brake_0.50",), schedules=(Schedule(50, 2),), num_groups=1)
+    recorded, late = replace(short, output=tmp_path / "recorded"), replace(short, output=tmp_path / "late")
+    assert drive(replace(late, is_recorded=False)) == drive(recorded)
+    assert not (late.output / DRIVES_DIR).exists()
+    drive(late)
+    assert contents(late.output) == contents(recorded.output)
+    stamps = {path: path.stat().st_mtime_ns for path in (late.output / DRIVES_DIR).rglob("*")}
+    drive(late)  # of what is finished, nothing is written again
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+
+
+def test_a_command_asks_for_a_record() -> None:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    words = ["release", "--output", "drives", "--selector", "nominal", "--groups", "1", "--seed", "2"]
+    asked = [command.request_of(parser.parse_args([*words, *more])).is_recorded for more in ([], ["--record"])]
+    assert asked == [False, True]
 
 
 @pytest.mark.parametrize("name", ["nobody", "E-M9", "a=", "=x", "oracle=true", "E-M3=true", "brake_0.50=true"])

@@ -53,6 +53,16 @@ def test_readers_open_drives_with_their_decisions(drives: Path) -> None:
     assert not len(group.nominal.tables["decisions"])
 
 
+def test_a_drive_that_its_collector_distrusts_breaks_no_claim(tmp_path: Path) -> None:
+    draft, drive = new_draft("drives"), "g0.drive-brake_0.50.a1"
+    draft.set("controls", "intended_brake", 0.25, rollout_id=drive, tick=110)
+    draft.set("rollouts", "status", "quarantined", rollout_id=drive)
+    draft.set("rollouts", "status_reason", "another command was sent", rollout_id=drive)
+    report = validate(draft.write(tmp_path / "dataset"))
+    assert report.verdict == "valid"
+    assert {tally.rule_id: tally.examined for tally in report.tallies}["BD-CTL-016"] == 11
+
+
 def test_nothing_is_built_from_drives(drives: Path, tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="holds drives, which are in no branch group") as error:
         build_release(drives, output=tmp_path / "release")

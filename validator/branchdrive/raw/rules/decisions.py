@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import DECISIONS
-from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.policy import ACTUATORS
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
@@ -50,7 +50,7 @@ def decisions_are_those_of_drives(view: ShardView) -> Iterator[Check]:
     )  # fmt: skip
 
     first = np.where(decisions.is_there, decisions.start, -1)
-    ticks, named = np.append(decisions.tick, -1)[first], np.append(keys, None)[first]
+    ticks, named = np.append(decisions.tick, -1)[first], np.append(keys, "")[first]
     is_first = view.branched & (ticks == view.branch_tick) & (named == view.rollouts["action_key"])
 
     def begins(row: int) -> tuple[str, str]:
@@ -143,7 +143,7 @@ def drives_are_commanded_as_decided(view: ShardView, subjects: Mask) -> Iterator
         )
         wanted = found.expected[row]
         expected = f"{'a command that the nominal rollout lacks' if wanted != wanted else quote(wanted)} ({made})"
-        place = {"table": "controls", "column": column, "tick": at}
+        place: Location = {"table": "controls", "column": column, "tick": at}
         return Mismatch(place, expected, quote(controls[column][row]), int(summary.count[i]))
 
     yield Check.of_subjects(subjects, subjects & summary.any, describe)

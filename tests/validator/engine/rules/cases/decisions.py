@@ -151,10 +151,3 @@ def command_that_did_not_reach_the_vehicle(d: Draft) -> None:
 def commands_of_a_drive_within_the_tolerance(d: Draft) -> None:
     d.descriptor["tolerances"] = {"actuator": 0.01}
     d.set("controls", "applied_brake", lambda brake: brake - 0.0078125, rollout_id=BRAKES, tick=BRANCH_TICK + 10)
-
-
-@boundary("BD-CTL-016")
-def drive_that_was_called_partial(d: Draft) -> None:
-    d.set("rollouts", "status", "partial", rollout_id=BRAKES)
-    d.set("rollouts", "status_reason", "the policy let go too early", rollout_id=BRAKES)
-    _leave_to_the_expert(d, BRAKES, range(LAST, LAST + 1))
