@@ -18,6 +18,7 @@ CASES = ROOT / "conformance_tests" / "cases" / f"v{SPEC_VERSION}"
 
 BASES: dict[str, tuple[str, str | None, str]] = {
     "raw": ("full", None, "three groups with actors and risk evidence"),
+    "raw-drives": ("drives", "raw", "three groups of drives and their nominal rollouts"),
     "raw-media": ("media", "raw", "the same with camera frames"),
     "raw-map": ("map", "raw", "the same with a map"),
     "raw-bare": ("bare", "raw", "the same without actors and risk evidence"),
@@ -91,8 +92,8 @@ BASES: dict[str, tuple[str, str | None, str]] = {
 and what it is."""
 
 BASE_OF: dict[Base, str] = {
-    "full": "raw", "media": "raw-media", "map": "raw-map", "bare": "raw-bare", "release": "release",
-    "detached": "release-detached", "alone": "release-detached", "benchmark": "release-benchmark",
+    "full": "raw", "drives": "raw-drives", "media": "raw-media", "map": "raw-map", "bare": "raw-bare",
+    "release": "release", "detached": "release-detached", "alone": "release-detached", "benchmark": "release-benchmark",
 }  # fmt: skip
 
 

@@ -23,8 +23,8 @@ _NAMES = (
     "quality_qualification", "quality_split", "quality_fidelity", "model_inputs", "model_inputs_targets",
     "model_inputs_features", "model_near_duplicate", "leakage_audit", "leakage_structural", "leakage_codes",
     "leakage_audit_battery", "card", "model_inputs_endings", "model_inputs_objects", "replays", "responses",
-    "responses_copies", "groups_outcomes", "responses_experts", "image_replays", "responses_images", "benchmark",
-    "benchmark_results", "layers_model_and_benchmark",
+    "responses_copies", "groups_outcomes", "responses_experts", "image_replays", "responses_images", "decisions",
+    "benchmark", "benchmark_results", "layers_model_and_benchmark",
 )  # fmt: skip
 
 AREAS = tuple(import_module(f"tests.validator.engine.rules.cases.{name}") for name in _NAMES)

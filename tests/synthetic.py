@@ -40,8 +40,8 @@ from branchdrive.testing.media import MEDIA_FILE, frame_columns, media_document
 
 __all__ = [
     "BRANCH_TICK", "EGO_BOX_M", "MEDIA_FILE", "NUM_TICKS", "SHARDS", "STRIDE", "WINDOW_TICKS", "Plan",
-    "Tables", "bare_descriptor", "bare_tables", "base_tables", "concat", "descriptor", "evidence_columns",
-    "group_name", "make_group", "media_descriptor", "media_tables", "plans",
+    "Tables", "bare_descriptor", "bare_tables", "base_tables", "concat", "descriptor", "drives_descriptor",
+    "drives_tables", "evidence_columns", "group_name", "make_group", "media_descriptor", "media_tables", "plans",
     "route_polyline", "seal_dataset", "shared", "to_table", "with_few_attempts", "write_dataset",
 ]  # fmt: skip
 
@@ -91,6 +91,32 @@ def _frames(tables: Tables) -> pa.Table:
 def media_descriptor() -> dict[str, Any]:
     """Descriptor document of `media_tables`."""
     return media_document(descriptor())
+
+
+_DRIVES = (
+    Plan("nominal", "nominal"),
+    Plan("drive", "nominal"),
+    Plan("drive", "brake_0.50"),
+    Plan("drive", "steer_left_0.10", later=((BRANCH_TICK + 25, "steer_right_0.10"), (BRANCH_TICK + 60, "nominal"))),
+    Plan("drive", "accelerate_0.50", later=((BRANCH_TICK + 50, "steer_left_0.05"),)),
+)
+"""Attempts of every group of drives: no intervention, one, and several before and after the window before is over."""
+
+
+@cache
+def drives_tables() -> dict[str, Tables]:
+    """Tables of a valid dataset of drives, in the places of `base_tables`."""
+
+    def build() -> dict[str, Tables]:
+        return {folder: concat([make_group(g, _DRIVES) for g in groups]) for folder, groups in SHARDS.items()}
+
+    return shared(kept("drives-tables", build))
+
+
+def drives_descriptor() -> dict[str, Any]:
+    """Descriptor document of `drives_tables`."""
+    document = descriptor()
+    return {**document, "streams": [*document["streams"], "decisions"]}
 
 
 def bare_tables() -> dict[str, Tables]:

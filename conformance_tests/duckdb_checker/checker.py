@@ -151,6 +151,7 @@ class Judgement:
             "cameras": documents.claimed_cameras(self.descriptor),
             "has_evidence": "actor_risk_evidence" in self.descriptor["streams"],
             "is_log": (self.descriptor.get("driver") or {}).get("kind") == "log",
+            "has_drives": "decisions" in self.descriptor["streams"],
             "has_map": "map" in self.descriptor["streams"],
             "noise": noise["kind"],
             "scenario_types": self.descriptor["collection"].get("scenario_types", []),
@@ -265,6 +266,8 @@ class Judgement:
                 self._judge_rule(rule, _script(rule["id"]))
 
     def _is_about(self, rule: dict[str, Any]) -> bool:
+        if rule["scope"] == "group" and "decisions" in self.descriptor["streams"]:
+            return False  # drives are in no branch group
         return "streams" not in rule or bool(set(rule["streams"]) & set(self.descriptor["streams"]))
 
     def _judge_rule(self, rule: dict[str, Any], sql: str | None) -> None:

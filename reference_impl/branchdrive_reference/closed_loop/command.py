@@ -22,7 +22,7 @@ from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
 if TYPE_CHECKING:
     from branchdrive_reference.closed_loop.run import Request
 
-__all__ = ["ORDER", "SUMMARY", "add_arguments", "run"]
+__all__ = ["ORDER", "SUMMARY", "add_arguments", "request_of", "run"]
 
 SUMMARY = "let selectors drive, closed loop, where none was trained"
 ORDER = 185
@@ -82,6 +82,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrong.add_argument("--replay-noise", metavar="STRENGTH", type=strength, help="noise of replays, as in a collection")
     wrong.add_argument("--sensor-noise", metavar="STRENGTH", type=strength, help="noise on what selectors see")
     work = parser.add_argument_group("how to work")
+    work.add_argument(
+        "--record", action="store_true", help="keep what is driven as a raw dataset too, in the folder `dataset` of DIR"
+    )
     work.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     work.add_argument(
         "--format", choices=("text", "markdown", "json"), default="text",
@@ -105,7 +108,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     raise_if_noted()
     try:
         with heeded_termination(), progress_bar(stderr, "driving groups") as show:
-            found = drive_release(_request(args), watch=lambda done, total: show(done, total))
+            found = drive_release(request_of(args), watch=lambda done, total: show(done, total))
     except KeyboardInterrupt as interrupt:
         stderr.write("interrupted; run the same command to go on\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
@@ -118,7 +121,8 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     return 0
 
 
-def _request(args: argparse.Namespace) -> Request:
+def request_of(args: argparse.Namespace) -> Request:
+    """What the arguments ask for."""
     from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
     from branchdrive_reference.closed_loop.course import Schedule
     from branchdrive_reference.closed_loop.run import Request
@@ -137,6 +141,7 @@ def _request(args: argparse.Namespace) -> Request:
         schedules=tuple(Schedule(args.every, number) for number in numbers),
         conditions=tuple(conditions),
         world=args.world,
+        is_recorded=args.record,
         jobs=args.jobs,
     )
 

@@ -23,9 +23,10 @@ from branchdrive.driving.target import Motion, Risk, Targets, scalar_targets
 from branchdrive_reference.closed_loop.sight import SensorNoise, Sight
 from branchdrive_reference.closed_loop.site import Nominal, Passage, Site
 
-__all__ = ["Course", "Driven", "Schedule", "window_targets"]
+__all__ = ["Choices", "Course", "Driven", "Schedule", "window_targets"]
 
 Choices = tuple[int, ...]
+"""Places of chosen candidates in the bank, one for each decision."""
 
 
 @dataclass(frozen=True)

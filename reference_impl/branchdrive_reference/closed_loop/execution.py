@@ -5,7 +5,7 @@ A file of a group is written when all arms were driven in it. Which process driv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,12 +24,13 @@ from branchdrive.runtime.environment import leave_out_pandas
 from branchdrive.runtime.progress import unwatched
 from branchdrive.runtime.workers import run_each
 from branchdrive_reference.closed_loop.arm import Arm
-from branchdrive_reference.closed_loop.course import Course
+from branchdrive_reference.closed_loop.course import Choices, Course, Driven, Schedule
 from branchdrive_reference.closed_loop.outcome import outcome_of
 from branchdrive_reference.closed_loop.plan import Plan
+from branchdrive_reference.closed_loop.recorder import Recorder
 from branchdrive_reference.closed_loop.selector import Selector
 from branchdrive_reference.closed_loop.sight import SensorNoise
-from branchdrive_reference.closed_loop.site import Field, Place
+from branchdrive_reference.closed_loop.site import Field, Nominal, Place
 
 __all__ = ["GroupDriver", "drive_groups", "read_groups"]
 
@@ -48,6 +49,7 @@ class GroupDriver:
         selectors: By name.
         arms: What is driven.
         unrecorded: Columns that the dataset does not record.
+        recorder: Keeps what is driven as a raw dataset; ``None`` where figures are enough.
     """
 
     folder: Path
@@ -57,9 +59,10 @@ class GroupDriver:
     selectors: Mapping[str, Selector]
     arms: Sequence[Arm]
     unrecorded: tuple[str, ...]
+    recorder: Recorder | None = None
 
     def __call__(self, place: Place, between: Callable[..., None]) -> str:
-        """Drive a group; its id."""
+        """Drive a group; its id. Its file comes last, so that a group that has one is recorded as well."""
         replace_file(_path(self.folder, place.group_id), dump_json(self.drive(place, between)))
         return place.group_id
 
@@ -68,6 +71,7 @@ class GroupDriver:
         site = self.field.site(self.seed, place.index)
         nominal = site.nominal()
         if isinstance(nominal, str):
+            self._record(place, None, ())
             return {"group_id": place.group_id, "left_out_because": nominal, "bank": None, "drives": []}
         courses: dict[tuple[int, int, float], Course] = {}
 
@@ -80,12 +84,15 @@ class GroupDriver:
                 )
             return courses[key]
 
-        drives = []
+        drives: list[dict[str, Any]] = []
+        recorded: dict[tuple[Schedule, float, Choices], tuple[Arm, Driven]] = {}
         for arm in self.arms:
             between()
             noise = SensorNoise(arm.condition.sensor, place.seed)
             driven = course(arm).drive(self.selectors[arm.selector], noise)
+            recorded.setdefault((arm.schedule, arm.condition.replay, driven.choices), (arm, driven))
             drives.append({**arm.document, **outcome_of(driven, nominal.branch_tick, self.bank)})
+        self._record(place, nominal, [*recorded.values()])
         exact = next(course(arm) for arm in self.arms if arm.condition.replay == 0)
         return {
             "group_id": place.group_id,
@@ -94,6 +101,10 @@ class GroupDriver:
             "bank": _bank(exact.bank_targets()),
             "drives": drives,
         }
+
+    def _record(self, place: Place, nominal: Nominal | None, drives: Sequence[tuple[Arm, Driven]]) -> None:
+        if self.recorder is not None:
+            self.recorder.write(place, nominal, drives)
 
 
 def _bank(targets: Targets) -> list[list[float | None]]:
@@ -104,12 +115,22 @@ def _path(folder: Path, group_id: str) -> Path:
     return folder / _GROUPS / f"{group_id}.json"
 
 
-def drive_groups(driver: GroupDriver, plan: Plan, *, jobs: int, watch: Callable[[int, int], None] = unwatched) -> None:
+def drive_groups(
+    driver: GroupDriver,
+    plan: Plan,
+    *,
+    closed: Collection[str] | None = None,
+    jobs: int,
+    between: Callable[[], object] = lambda: None,
+    watch: Callable[[int, int], None] = unwatched,
+) -> None:
     """Drive the groups that were not driven yet.
 
     Args:
         driver: What drives a group.
         plan: All groups.
+        closed: Groups that are recorded; a group that is none of them is driven again. ``None`` asks for none.
+        between: Called after every group.
         jobs: Worker processes; 1 works in this process.
         watch: Called with the number of finished groups and of all, at the beginning and after every group.
 
@@ -119,12 +140,16 @@ def drive_groups(driver: GroupDriver, plan: Plan, *, jobs: int, watch: Callable[
         KeyboardInterrupt: The user interrupted; whatever was finished is kept.
     """
     make_dir(driver.folder / _GROUPS)
-    missing = [place for place in plan.places if not _path(driver.folder, place.group_id).exists()]
+    missing = [
+        place for place in plan.places
+        if not _path(driver.folder, place.group_id).exists() or (closed is not None and place.group_id not in closed)
+    ]  # fmt: skip
     done = len(plan.places) - len(missing)
     watch(done, len(plan.places))
     with closing(run_each(driver, missing, jobs=jobs, start=leave_out_pandas)) as finished:
         for _ in finished:
             done += 1
+            between()
             watch(done, len(plan.places))
 
 

@@ -7,18 +7,20 @@ from dataclasses import dataclass, replace
 
 from branchdrive.collector.recording import Record
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.descriptor import Descriptor, Software
 from branchdrive.driving.route_cluster import resample_polyline
 from branchdrive.errors import UsageError
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.tables.arrow import from_arrow
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.closed_loop.site import Nominal, Place, Route
+from branchdrive_reference.collect.campaign import town_maps
 from branchdrive_reference.collect.plan import PlannedGroup, plan_group
 from branchdrive_reference.simulation import rollout
 from branchdrive_reference.simulation.ending import RECOVERY_TICKS
 from branchdrive_reference.simulation.placement import place_branch
 from branchdrive_reference.simulation.record import record
+from branchdrive_reference.town.elements import Element
 from branchdrive_reference.town.route import town_routes
 from branchdrive_reference.town.town import town
 from branchdrive_reference.version import SIMULATOR_NAME, simulator_version
@@ -58,9 +60,14 @@ class ReferenceField:
         return cls(tuple(collection.scenario_types), dict(collection.branches))
 
     @property
-    def simulator(self) -> str:
-        """Name and version of the simulator, with the libraries that decide its bits."""
-        return f"{SIMULATOR_NAME} {simulator_version()}"
+    def software(self) -> Software:
+        """See `Field`."""
+        return Software(name=SIMULATOR_NAME, version=simulator_version())
+
+    @property
+    def maps(self) -> Mapping[str, Sequence[Element]]:
+        """See `Field`."""
+        return town_maps()
 
     def _plan(self, seed: int, index: int) -> PlannedGroup:
         return plan_group(seed, index, self.scenario_types, self.branches)
@@ -109,7 +116,7 @@ class ReferenceSite:
         if executed.ending.partial_reason is not None:
             return f"the nominal pass is not complete: {executed.ending.termination}"
         branch = place_branch(executed, self.plan.kind)
-        return "the nominal pass has no branch" if branch is None else Nominal(branch.branch_tick, executed.log.applied)
+        return "the nominal pass has no branch" if branch is None else Nominal(branch, record(executed))
 
     def begin(self, nominal: Nominal, *, replay_noise: float, num_decisions: int) -> ReferencePassage:
         """See `Site`."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.layout import LOCK_FILE
 from branchdrive.driving.feature import InputContract
@@ -17,13 +18,15 @@ from branchdrive.formats.durable import make_dir, replace_file
 from branchdrive.runtime.environment import extra
 from branchdrive.runtime.file_lock import FileLock
 from branchdrive.runtime.progress import unwatched
+from branchdrive.writer.writer import DatasetWriter
 from branchdrive_reference.benchmark.document import published_protocol
 from branchdrive_reference.benchmark.release import Release, open_release
 from branchdrive_reference.closed_loop.arm import Condition, arms_of
 from branchdrive_reference.closed_loop.course import Schedule
 from branchdrive_reference.closed_loop.execution import GroupDriver, drive_groups, read_groups
 from branchdrive_reference.closed_loop.lock import drive_lock, keep_lock, record_access, warnings_of
-from branchdrive_reference.closed_loop.plan import make_plan
+from branchdrive_reference.closed_loop.plan import Plan, make_plan
+from branchdrive_reference.closed_loop.recorder import DRIVES_DIR, Recorder, drives_descriptor
 from branchdrive_reference.closed_loop.reference_field import ReferenceField
 from branchdrive_reference.closed_loop.result import drive_results
 from branchdrive_reference.closed_loop.selector import NOMINAL, Training, open_selectors
@@ -48,6 +51,7 @@ class Request:
         schedules: When selectors decide; each is driven.
         conditions: Noise; each is driven, exact drives first.
         world: ``MODULE:NAME`` of worlds of the SDK; the reference world by default.
+        is_recorded: Whether what is driven is kept as a raw dataset.
         jobs: Worker processes.
     """
 
@@ -60,6 +64,7 @@ class Request:
     schedules: tuple[Schedule, ...]
     conditions: tuple[Condition, ...] = (Condition("exact"),)
     world: str | None = None
+    is_recorded: bool = False
     jobs: int = 1
 
 
@@ -106,15 +111,19 @@ def drive_release(
         plan = make_plan(field, request.seed, request.num_groups, field.routes_of(release, training.groups))
         declared = protocol.statistics
         statistics = {"seed": int(declared.seed), "resamples": int(declared.resamples), "flips": int(declared.flips)}
+        simulator = f"{field.software.name} {field.software.version}"
         lock = drive_lock(
-            release, plan, field.simulator, arms, list(about.values()), profile=request.profile, statistics=statistics
+            release, plan, simulator, arms, list(about.values()), profile=request.profile, statistics=statistics
         )
         keep_lock(request.output, lock)
         entries = record_access(release, lock)
         driver = GroupDriver(
             request.output, field, request.seed, training.bank, selectors, arms, release.layer.descriptor.unrecorded
         )
-        drive_groups(driver, plan, jobs=request.jobs, watch=watch)
+        if request.is_recorded:
+            _drive_recorded(driver, plan, request, release.layer.descriptor, watch)
+        else:
+            drive_groups(driver, plan, jobs=request.jobs, watch=watch)
         clusters = dict(zip((place.group_id for place in plan.places), plan.clusters, strict=True))
         results = drive_results(
             read_groups(request.output, plan), clusters, arms, training, statistics=statistics,
@@ -124,6 +133,21 @@ def drive_release(
         replace_file(request.output / "results.json", dump_json(results))
         replace_file(request.output / "TABLES.md", found.tables.encode())
     return found
+
+
+def _drive_recorded(
+    driver: GroupDriver, plan: Plan, request: Request, release: Descriptor, watch: Callable[[int, int], None]
+) -> None:
+    """Drive what is missing, and keep all drives as a finished dataset."""
+    root, field = request.output / DRIVES_DIR, driver.field
+    descriptor = drives_descriptor(release, field, request.seed, request.conditions)
+    places = {place.group_id: number for number, place in enumerate(plan.places)}
+    maps = field.maps if "map" in descriptor.streams else None
+    with DatasetWriter(root, descriptor, maps=maps) as writer:
+        closed = None if writer.is_finished else writer.closed
+        recording = replace(driver, recorder=Recorder(root, descriptor, places))
+        drive_groups(recording, plan, closed=closed, jobs=request.jobs, between=writer.commit, watch=watch)
+        writer.finalize()
 
 
 @contextmanager

@@ -6,15 +6,18 @@ begins at tick 0 in the same state, so that passages of one site differ by their
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.collector.recording import Record
-from branchdrive.contract.policy import Command
+from branchdrive.collector.trigger import Branch
+from branchdrive.contract.descriptor import Software
+from branchdrive.contract.policy import ACTUATORS, Command
 from branchdrive_reference.benchmark.release import Release
 
 __all__ = ["Field", "Nominal", "Passage", "Place", "Route", "Site"]
@@ -58,12 +61,22 @@ class Nominal:
     """The nominal pass of a site.
 
     Attributes:
-        branch_tick: Where the first decision is made.
-        applied: Its commands, float32 ``[ticks, 3]``.
+        branch: Where the first decision is made, and why.
+        record: What was recorded.
     """
 
-    branch_tick: int
-    applied: NDArray[np.float32]
+    branch: Branch
+    record: Record
+
+    @property
+    def branch_tick(self) -> int:
+        """Tick of the first decision."""
+        return self.branch.branch_tick
+
+    @cached_property
+    def applied(self) -> NDArray[np.float32]:
+        """Its commands, float32 ``[ticks, 3]``."""
+        return np.stack([np.asarray(self.record.controls[f"applied_{name}"]) for name in ACTUATORS], axis=1)
 
 
 class Passage(Protocol):
@@ -110,8 +123,12 @@ class Field(Protocol):
     """Whether its replays can differ."""
 
     @property
-    def simulator(self) -> str:
-        """Name and version of the simulator."""
+    def software(self) -> Software:
+        """The simulator, with the libraries that decide its bits as part of its version."""
+
+    @property
+    def maps(self) -> Mapping[str, Sequence[Mapping[str, object]]]:
+        """Elements of the maps of its towns, as a writer of datasets takes them."""
 
     def place(self, seed: int, index: int) -> tuple[Place, Route]:
         """The planned group at a place of the population with a seed, and its route."""

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from branchdrive.collector.collection import plan_groups
 from branchdrive.collector.drive import RECOVERY_TICKS, Drive, drive
 from branchdrive.collector.drive import Passage as DrivenPassage
 from branchdrive.collector.group import GroupPlan, WorldCollector
 from branchdrive.collector.record import record
 from branchdrive.collector.recording import Record
+from branchdrive.collector.town import Element
 from branchdrive.collector.world import WorldError
 from branchdrive.contract.bank import load_action_bank
+from branchdrive.contract.descriptor import Software
 from branchdrive.contract.policy import Command
 from branchdrive.driving.route_cluster import resample_polyline
 from branchdrive.errors import UsageError
@@ -39,12 +39,12 @@ class WorldField:
 
     Attributes:
         name: ``MODULE:NAME`` of the worlds; every process imports them.
-        simulator: Name and version of the simulator, as the release has them.
+        software: The simulator, as the release has it.
         has_evidence: Whether worlds are asked for actors and evidence.
     """
 
     name: str
-    simulator: str
+    software: Software
     has_evidence: bool
     has_replay_noise = False
 
@@ -56,7 +56,7 @@ class WorldField:
             UsageError: There are none of that name.
         """
         descriptor = release.layer.descriptor
-        made = cls(name, f"{descriptor.simulator.name} {descriptor.simulator.version}", "evidence" in descriptor.tables)
+        made = cls(name, descriptor.simulator, "evidence" in descriptor.tables)
         _ = made.collector
         return made
 
@@ -84,7 +84,16 @@ class WorldField:
         return WorldCollector(found, **options)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in ("name", "simulator", "has_evidence")}
+        return {name: getattr(self, name) for name in ("name", "software", "has_evidence")}
+
+    @property
+    def maps(self) -> Mapping[str, Sequence[Element]]:
+        """See `Field`."""
+        return self.collector.maps
+
+    def record(self, run: Drive) -> Record:
+        """The recorded columns of a rollout in one of its worlds."""
+        return record(run, has_evidence=self.has_evidence, town=self.maps.get(run.scene.town))
 
     def _plan(self, seed: int, index: int) -> GroupPlan:
         return plan_groups(seed, index + 1, tuple(self.collector.makers))[index]
@@ -140,7 +149,7 @@ class WorldSite:
         branch = collector.trigger.evaluate(run.trace)
         if branch is None:
             return "the nominal pass has no branch"
-        return Nominal(branch.branch_tick, np.array(run.applied, np.float32).reshape(-1, 3))
+        return Nominal(branch, self.field.record(run))
 
     def begin(self, nominal: Nominal, *, replay_noise: float, num_decisions: int) -> WorldPassage:  # noqa: ARG002
         """See `Site`; `has_replay_noise` says that worlds have none."""
@@ -188,6 +197,4 @@ class WorldPassage:
 
     def record(self) -> Record:
         """See `Passage`."""
-        run = self._passage.run
-        town = self._field.collector.maps.get(run.scene.town)
-        return record(run, has_evidence=self._field.has_evidence, town=town)
+        return self._field.record(self._passage.run)

@@ -10,6 +10,7 @@ import numpy as np
 from tests.repo.checkout import ROOT
 
 from branchdrive.collector.group import WorldCollector
+from branchdrive.contract.descriptor import Software
 from branchdrive_reference.benchmark.release import Release
 from branchdrive_reference.closed_loop.site import Route
 from branchdrive_reference.closed_loop.world_field import WorldField
@@ -36,7 +37,7 @@ class Roads(WorldField):
     @classmethod
     def make(cls) -> Roads:
         """The field."""
-        return cls(f"{__name__}:ROADS", "straight-road 1.0", True)
+        return cls(f"{__name__}:ROADS", Software(name="straight-road", version="1.0"), True)
 
     def routes_of(self, release: Release, groups: Sequence[str]) -> list[Route]:
         """Routes of the roads `KNOWN_ROADS`, half a metre beside them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import pickle
@@ -22,13 +23,16 @@ from tests.repo.checkout import ROOT
 
 from branchdrive.collector.world import Scene
 from branchdrive.contract.bank import load_action_bank
+from branchdrive.engine.validate import validate
 from branchdrive.errors import UsageError
 from branchdrive.formats.durable import partial_path
+from branchdrive_reference.closed_loop import command
 from branchdrive_reference.closed_loop.arm import CONDITIONS, Condition
 from branchdrive_reference.closed_loop.course import Course, Schedule
 from branchdrive_reference.closed_loop.external import External
 from branchdrive_reference.closed_loop.lock import LOCK_NAME
 from branchdrive_reference.closed_loop.plan import make_plan
+from branchdrive_reference.closed_loop.recorder import DRIVES_DIR
 from branchdrive_reference.closed_loop.run import Request, drive_release
 from branchdrive_reference.closed_loop.sight import SensorNoise, Sight
 from branchdrive_reference.closed_loop.site import Nominal, Route
@@ -56,6 +60,7 @@ def request_(bare: Path, tmp_path: Path) -> Request:
         seed=5,
         schedules=(Schedule(50, 1), Schedule(50, 2)),
         conditions=(Condition(CONDITIONS[0]), Condition(CONDITIONS[2], sensor=1.0)),
+        is_recorded=True,
     )
 
 
@@ -81,6 +86,11 @@ def killed(request: Request) -> int:
     """Status of a process that drives until it is killed."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run([sys.executable, "-c", KILLED], input=pickle.dumps(request), env=environment).returncode
+
+
+def groups_of(request: Request) -> list[dict[str, Any]]:
+    """What was written of each group."""
+    return [json.loads(path.read_bytes()) for path in sorted((request.output / "groups").iterdir())]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -111,6 +121,12 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     drive(request_)
     assert first.stat().st_mtime_ns == written and contents(request_.output) == contents(whole.output)
 
+    report = validate(whole.output / DRIVES_DIR)
+    assert report.verdict == "valid"
+    examined = {tally.rule_id: tally.examined for tally in report.tallies}
+    driven = {(one["group_id"], d["num_decisions"], *d["choices"]) for one in groups_of(whole) for d in one["drives"]}
+    assert examined["BD-CTL-016"] == len(driven) and examined["BD-CTL-009"] == len(driven) + 3
+
     with pytest.raises(UsageError, match="another lock"):
         drive(replace(request_, seed=6))
     again = drive(
@@ -120,6 +136,26 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     entries = json.loads((tmp_path / "release.drives.json").read_bytes())["entries"]
     assert [entry["number"] for entry in entries] == [1, 2]
     assert len({entry["plan_digest"] for entry in entries}) == 1
+
+
+def test_a_run_without_a_record_is_driven_again_for_one(request_: Request, tmp_path: Path) -> None:
+    short = replace(request_, selectors=("brake_0.50",), schedules=(Schedule(50, 2),), num_groups=1)
+    recorded, late = replace(short, output=tmp_path / "recorded"), replace(short, output=tmp_path / "late")
+    assert drive(replace(late, is_recorded=False)) == drive(recorded)
+    assert not (late.output / DRIVES_DIR).exists()
+    drive(late)
+    assert contents(late.output) == contents(recorded.output)
+    stamps = {path: path.stat().st_mtime_ns for path in (late.output / DRIVES_DIR).rglob("*")}
+    drive(late)  # of what is finished, nothing is written again
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+
+
+def test_a_command_asks_for_a_record() -> None:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    words = ["release", "--output", "drives", "--selector", "nominal", "--groups", "1", "--seed", "2"]
+    asked = [command.request_of(parser.parse_args([*words, *more])).is_recorded for more in ([], ["--record"])]
+    assert asked == [False, True]
 
 
 @pytest.mark.parametrize("name", ["nobody", "E-M9", "a=", "=x", "oracle=true", "E-M3=true", "brake_0.50=true"])

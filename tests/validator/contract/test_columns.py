@@ -129,7 +129,7 @@ def test_strategy_of_values_stays_inside_the_declaration(table: Table, data: st.
             assert value in column.values
 
 
-ORDER = ("rollouts", "controls", "observations", "actors", "evidence", "map", "frames")
+ORDER = ("rollouts", "controls", "decisions", "observations", "actors", "evidence", "map", "frames")
 
 
 def test_tables_of_ticks_record_attempts() -> None:
@@ -140,7 +140,7 @@ def test_tables_of_ticks_record_attempts() -> None:
 def test_tables_of_a_descriptor_are_those_of_its_streams_in_order(descriptor: Descriptor) -> None:
     claimed = {table for name in descriptor.streams for table in STREAMS[name].tables}
     assert descriptor.tables == tuple(name for name in ORDER if name in claimed)
-    assert descriptor.tables[:3] == ORDER[:3]
+    assert {"rollouts", "controls", "observations"} <= {*descriptor.tables}
 
 
 def test_required_streams_alone_need_three_tables() -> None:
@@ -164,5 +164,6 @@ def test_cameras_of_streams_are_those_of_the_descriptor_schema() -> None:
             for camera in clause["then"]["properties"]["cameras"]["allOf"]
         )
         for clause in load_resource("descriptor.schema.json")["allOf"]
+        if "cameras" in clause["then"]["properties"]
     }
     assert needed == {name: stream.cameras for name, stream in STREAMS.items() if stream.cameras}

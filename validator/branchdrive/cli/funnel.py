@@ -10,9 +10,18 @@ from branchdrive.engine.report import Report
 from branchdrive.raw.funnel import Funnel
 from branchdrive.text.table import Column, Table
 
-__all__ = ["funnel_table", "lost_groups_table"]
+__all__ = ["NO_GROUPS", "funnel_table", "lost_groups_table", "no_funnel"]
+
+NO_GROUPS = "drives are in no branch group"
 
 _REASONS_SHOWN = 6
+
+
+def no_funnel(report: Report) -> str | None:
+    """Why there is no table of the funnel; ``None`` where there is one."""
+    if report.funnel is None:
+        return "not judged"
+    return NO_GROUPS if report.is_of_drives else None
 
 
 def funnel_table(funnel: Funnel) -> Table:

@@ -71,7 +71,7 @@ def print_file(console: Console, found: StoredFile) -> None:
 
 def print_group(console: Console, group_id: str, context: Mapping[str, Any], records: Sequence[dict[str, Any]]) -> None:
     """A branch group: what it is, and how each attempt ended."""
-    _print_title(console, f"group {group_id}", f"branch group with {counted(len(records), 'attempt')}")
+    _print_title(console, f"group {group_id}", f"{_kind(records)} with {counted(len(records), 'attempt')}")
     names = ("scenario_type", "town", "route_id", "environment", "seed", "repetition", "partition", "lost_rules")
     facts = [(name.replace("_", " "), _text(context.get(name))) for name in names]
     tick = context.get("branch_tick")
@@ -80,6 +80,10 @@ def print_group(console: Console, group_id: str, context: Mapping[str, Any], rec
     if records:
         console.print()
         print_section(console, _attempts(records))
+
+
+def _kind(records: Sequence[Mapping[str, Any]]) -> str:
+    return "group of drives" if any(record["role"] == "drive" for record in records) else "branch group"
 
 
 def _print_title(console: Console, title: str, what: str) -> None:
@@ -98,7 +102,9 @@ def _facts(found: Overview) -> Iterator[tuple[str, str]]:
     yield "layers", ", ".join(about.layers)
     yield "streams", ", ".join(about.streams)
     yield "identity", found.manifest.identity if found.manifest else ""
-    yield "groups", counted(len(found.contexts), "branch group") + shards
+    kind = "group" if about.is_of_drives else "branch group"
+    of_drives = " of drives" if about.is_of_drives else ""
+    yield "groups", counted(len(found.contexts), kind) + of_drives + shards
     yield "partitions", _counts(found.partitions)
     for column, title in (("scenario_type", "scenario types"), ("town", "towns")):
         counts = found.count(column)
@@ -157,13 +163,17 @@ _EVENTS = {
 """What may happen on a route, by the column that counts it."""
 
 
+_NOTES = {"nominal_replay": " (replay)", "drive": " (drive)"}
+"""What tells attempts of a policy apart, by their role."""
+
+
 def _attempts(records: Iterable[Mapping[str, Any]]) -> Table:
     columns = [
         Column.name("policy", is_code=True), Column("attempt"), Column("status", is_text=True),
         Column("end", is_text=True), Column("route"), Column("on its way", is_text=True),
     ]  # fmt: skip
     rows = [
-        [str(record["action_key"]) + (" (replay)" if record["role"] == "nominal_replay" else ""),
+        [str(record["action_key"]) + _NOTES.get(record["role"], ""),
          str(record["attempt"]), str(record["status"]), str(record["result_completion"]),
          _text(record["result_route_fraction"]), _events(record)]
         for record in records

@@ -25,7 +25,7 @@ from branchdrive.cli.formats.outcome import (
     waiver_text,
     with_companions,
 )
-from branchdrive.cli.funnel import funnel_table, lost_groups_table
+from branchdrive.cli.funnel import funnel_table, lost_groups_table, no_funnel
 from branchdrive.cli.population import (
     print_accesses,
     print_filtering,
@@ -198,8 +198,9 @@ def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None
 
 def _print_funnel(console: Console, report: Report) -> None:
     console.print()
-    if report.funnel is None:
-        console.print(Text("Funnel: not judged", style="yellow"))
+    if reason := no_funnel(report):
+        console.print(Text(f"Funnel: {reason}", style="yellow" if report.funnel is None else ""))
+    if report.funnel is None or reason:
         return
     print_section(console, funnel_table(report.funnel))
     if lost := lost_groups_table(report, GROUPS_SHOWN):

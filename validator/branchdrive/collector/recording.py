@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,7 @@ class Record:
         actors: Oriented boxes; empty where the stream is not claimed.
         evidence: Risk evidence, one row per saved observation; empty where the stream is not claimed.
         fields: Columns of the rollouts table that the drive decides.
+        decisions: What was chosen in a drive, one row per decision; empty in other rollouts.
     """
 
     controls: Columns
@@ -58,6 +59,7 @@ class Record:
     actors: Columns
     evidence: Columns
     fields: Columns
+    decisions: Columns = field(default_factory=dict)
 
     def append_to(self, writer: RolloutWriter) -> None:
         """Write the rows; the fields are what `finish` takes."""
@@ -66,6 +68,34 @@ class Record:
         if self.evidence:
             writer.append_actors(**self.actors)
             writer.append_evidence(**self.evidence)
+        if self.decisions:
+            writer.append_decisions(**self.decisions)
+
+    def with_decisions(self, decisions: Sequence[tuple[int, Policy]], nominal: NDArray[np.float32]) -> Record:
+        """This rollout as a drive whose commands were those of its decisions (spec/04-policies.md#drives).
+
+        Args:
+            decisions: Tick and chosen policy of each decision in their order, at least one.
+            nominal: Applied commands of the nominal rollout, float32 ``[nominal ticks, 3]``.
+        """
+        expert, applied = (
+            np.stack([np.asarray(self.controls[f"{kind}_{actuator}"]) for actuator in ACTUATORS], axis=1)
+            for kind in ("expert", "applied")
+        )
+        active, stored, intended = np.zeros(len(expert), np.bool_), np.zeros_like(expert), np.zeros_like(expert)
+        ends = [*(tick for tick, _ in decisions[1:]), len(expert)]
+        for (tick, policy), end in zip(decisions, ends, strict=True):
+            window = slice(tick, min(tick + policy.duration_ticks, end))
+            active[window] = True
+            stored[window] = (nominal if tick == decisions[0][0] else expert)[window]
+            intended[window] = _demanded(policy, expert[window], stored[window])
+        ticks, policies = zip(*decisions, strict=True)
+        return replace(
+            self,
+            controls=_control_columns(expert, applied, active, stored, intended),
+            fields={**self.fields, **policies[0].effective_action()},
+            decisions={"tick": np.array(ticks, np.int32), "action_key": [policy.key for policy in policies]},
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,22 +151,11 @@ class Recording:
 
     def _controls(self) -> Columns:
         active = self.active
-        columns: Columns = {
-            "tick": np.arange(len(active), dtype=np.int32),
-            "active": active,
-            "source": np.where(active, "intervention", "online_expert"),
-        }
         stored, intended = np.zeros_like(self.applied), np.zeros_like(self.applied)
         if self.nominal is not None:
             stored[active] = self.nominal[np.flatnonzero(active)]
-            demanded = self.policy.command(Command(*self.expert[active].T), Command(*stored[active].T))
-            intended[active] = np.stack(demanded, axis=1)
-        for index, actuator in enumerate(ACTUATORS):
-            columns[f"expert_{actuator}"] = self.expert[:, index]
-            columns[f"nominal_{actuator}"] = np.ma.masked_array(stored[:, index], ~active)
-            columns[f"intended_{actuator}"] = np.ma.masked_array(intended[:, index], ~active)
-            columns[f"applied_{actuator}"] = self.applied[:, index]
-        return columns
+            intended[active] = _demanded(self.policy, self.expert[active], stored[active])
+        return _control_columns(self.expert, self.applied, active, stored, intended)
 
     def _evidence(self, observations: Columns, actors: Columns) -> Columns:
         lit = [light is not None for light in self.traffic_light]
@@ -176,6 +195,32 @@ class Recording:
             },
             "result_num_off_road_infractions": int((off_road & ~np.append(False, off_road[:-1])).sum()),
         }
+
+
+def _demanded(policy: Policy, expert: NDArray[np.float32], stored: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Commands that a policy demands ``[ticks, 3]``."""
+    return np.stack(policy.command(Command(*expert.T), Command(*stored.T)), axis=1)
+
+
+def _control_columns(
+    expert: NDArray[np.float32],
+    applied: NDArray[np.float32],
+    active: NDArray[np.bool_],
+    stored: NDArray[np.float32],
+    intended: NDArray[np.float32],
+) -> Columns:
+    """Control audit of commands ``[ticks, 3]``; what is stored and intended is null where no policy is active."""
+    columns: Columns = {
+        "tick": np.arange(len(active), dtype=np.int32),
+        "active": active,
+        "source": np.where(active, "intervention", "online_expert"),
+    }
+    for index, actuator in enumerate(ACTUATORS):
+        columns[f"expert_{actuator}"] = expert[:, index]
+        columns[f"nominal_{actuator}"] = np.ma.masked_array(stored[:, index], ~active)
+        columns[f"intended_{actuator}"] = np.ma.masked_array(intended[:, index], ~active)
+        columns[f"applied_{actuator}"] = applied[:, index]
+    return columns
 
 
 def column(table: str, name: str, values: ArrayLike) -> Any:

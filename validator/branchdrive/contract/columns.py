@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "LAYER_TABLES", "PATTERNS", "RECORDABLE", "STREAMS", "TABLES", "TICK_TABLES", "Availability", "Column", "Stream",
-    "Table", "declared_table", "table_schema", "tables_of",
+    "DECISIONS", "LAYER_TABLES", "PATTERNS", "RECORDABLE", "STREAMS", "TABLES", "TICK_TABLES", "Availability", "Column",
+    "Stream", "Table", "declared_table", "table_schema", "tables_of",
 ]  # fmt: skip
 
 
@@ -199,9 +199,9 @@ TABLES: Mapping[str, Table] = tables_of(load_resource("columns.json")["tables"])
 """Every table of a shard by name."""
 
 TICK_TABLES: tuple[str, ...] = tuple(
-    table.name for table in TABLES.values() if "tick" in table.key and "camera" not in table.key
+    table.name for table in TABLES.values() if table.rate.endswith("Hz") and "camera" not in table.key
 )
-"""Names of the tables that record an attempt tick by tick; `frames`, the index of its images, is none of them."""
+"""Names of the tables that record an attempt tick by tick; the index of its images and its decisions are none."""
 
 LAYER_TABLES: Mapping[str, Table] = tables_of(
     {
@@ -214,6 +214,9 @@ LAYER_TABLES: Mapping[str, Table] = tables_of(
 
 STREAMS: Mapping[str, Stream] = _streams()
 """Every stream that a descriptor can claim, by name."""
+
+DECISIONS = "decisions"
+"""The stream of a dataset of drives, which are in no branch group (spec/04-policies.md#drives), and its table."""
 
 RECORDABLE: tuple[str, ...] = tuple(
     f"{table.name}.{column.name}"

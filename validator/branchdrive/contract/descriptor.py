@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, mode
 
 from branchdrive.contract.bank import ActionBank
 from branchdrive.contract.camera import Camera
-from branchdrive.contract.columns import RECORDABLE, STREAMS, TABLES
+from branchdrive.contract.columns import DECISIONS, RECORDABLE, STREAMS, TABLES
 from branchdrive.contract.document import Integer
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.layer import LAYERS
@@ -249,6 +249,8 @@ class Descriptor(Document):
             raise ValueError(
                 f"layers are the first ones of {list(chain)}, with or without raw; found {list(self.layers)}"
             )
+        if self.is_of_drives and self.layers != ("raw",):
+            raise ValueError(f"no layer is derived from drives, the stream {DECISIONS!r}; found {list(self.layers)}")
         return self
 
     @model_validator(mode="after")
@@ -267,6 +269,11 @@ class Descriptor(Document):
     def has_raw(self) -> bool:
         """Whether the dataset holds its raw layer; a detached release names it by digest."""
         return "raw" in self.layers
+
+    @property
+    def is_of_drives(self) -> bool:
+        """Whether attempts are drives and their nominals, which are in no branch group."""
+        return DECISIONS in self.streams
 
     @property
     def derived_layers(self) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, TypeVar
 
+from branchdrive.contract.columns import DECISIONS
 from branchdrive.contract.mismatch import Check
 from branchdrive.contract.resources import load_resource, project_url
 from branchdrive.errors import BranchDriveError
@@ -81,7 +82,9 @@ class RuleInfo:
         return self.kind in ("structure", "claim") and self.level == "MUST"
 
     def is_about(self, streams: Collection[str]) -> bool:
-        """Whether the rule is about what a dataset with these streams holds."""
+        """Whether the rule is about what a dataset with these streams holds; one of drives holds no branch groups."""
+        if self.scope == "group" and DECISIONS in streams:
+            return False
         return not self.streams or not set(self.streams).isdisjoint(streams)
 
     @property

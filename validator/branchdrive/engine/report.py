@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from branchdrive.contract.columns import DECISIONS
 from branchdrive.contract.descriptor import Tolerances
 from branchdrive.contract.media import MEDIA_MODES, MediaMode
 from branchdrive.contract.resources import SPEC_VERSION
@@ -44,9 +45,9 @@ class DatasetFacts:
     digests of this run, and `content_identity` from what the data say, with the digest of each layer in `content`;
     ``None`` where digests were not computed. `tolerances` are those that the descriptor declares or leaves at their
     defaults, by name, `replay_noise` is the declared kind, `unrecorded` are the columns that it lists, and
-    `unclaimed_streams` those that it leaves out; empty without a usable descriptor. `num_missing_attempts` counts those
-    that lack among the numbers of the others. `num_beside` counts names in the folder that are no part of
-    the dataset.
+    `unclaimed_streams` those of branch groups that it leaves out; empty without a usable descriptor.
+    `num_missing_attempts` counts those that lack among the numbers of the others. `num_groups` is 0 where attempts are
+    drives. `num_beside` counts names in the folder that are no part of the dataset.
     """
 
     path: str
@@ -118,6 +119,11 @@ class Report:
     def findings(self) -> tuple[Finding, ...]:
         """Kept findings of all rules, in catalogue order."""
         return tuple(finding for tally in self.tallies for finding in tally.findings)
+
+    @property
+    def is_of_drives(self) -> bool:
+        """Whether its attempts are drives and their nominals, which are in no branch group."""
+        return DECISIONS in self.dataset.rows
 
     @property
     def lacks_groups(self) -> bool:

@@ -31,7 +31,7 @@ _CONTEXT_RULES = tuple(
 )
 """Rules on what an intervention shares with its nominal."""
 
-_NEEDS_NOMINAL = frozenset({"BD-KEY-005", "BD-CTL-010", "BD-TRG-002", "BD-GRP-006"})
+_NEEDS_NOMINAL = frozenset({"BD-KEY-005", "BD-CTL-010", "BD-CTL-016", "BD-TRG-002", "BD-GRP-006"})
 """Rules that cannot be judged where the nominal rollout is not available."""
 
 

@@ -12,7 +12,7 @@ from types import MappingProxyType, ModuleType
 __all__ = ["RULE_MODULES", "bind_rules"]
 
 _OF_RAW_ROWS = (
-    "keys", "nulls", "values", "ticks", "status", "controls", "evidence", "groups", "responses", "replays",
+    "keys", "nulls", "values", "ticks", "status", "controls", "decisions", "evidence", "groups", "responses", "replays",
     "image_replays", "media", "images", "maps", "route", "motion", "tracks", "coverage", "extents", "results",
     "infractions",
 )  # fmt: skip

@@ -245,7 +245,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     )
     result.tallies = Tallies({rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected})
     result.is_failed = any(tally.errors for tally in tallies.values())
-    result.funnel = examination.funnel
+    result.funnel = Funnel() if view.descriptor.is_of_drives else examination.funnel
     result.judged = {
         rule_id: (tally.num_findings, tally.examined)
         for rule_id, tally in tallies.items()

@@ -20,6 +20,7 @@ MAX_FINDINGS_PER_RULE = MAX_KEPT
 """Findings kept per rule; counts stay exact."""
 
 _NO_STREAM = "the descriptor claims no stream that this rule is about"
+_NO_GROUPS = "drives are in no branch group"
 
 RuleStatus = Literal["pass", "fail", "skipped", "not-claimed", "inconclusive", "error"]
 
@@ -96,7 +97,9 @@ class Tally:
         if self.errors:
             return self.errors[0].splitlines()[-1][:300]
         if not self.is_claimed:
-            return f"the descriptor does not claim the {self.info.layer} layer" if self.info.layer else _NO_STREAM
+            if self.info.layer:
+                return f"the descriptor does not claim the {self.info.layer} layer"
+            return _NO_GROUPS if self.info.scope == "group" else _NO_STREAM
         if self.unjudged:
             return self.unjudged
         return None if self.examined else "no subject"

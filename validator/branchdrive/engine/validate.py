@@ -11,7 +11,7 @@ from contextlib import nullcontext
 from datetime import date
 from pathlib import Path
 
-from branchdrive.contract.columns import STREAMS
+from branchdrive.contract.columns import DECISIONS, STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.identity import claimed_files, content_identity, derived_content
 from branchdrive.contract.layout import DESCRIPTOR_FILE, RAW_DIR
@@ -290,7 +290,7 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         tolerances=descriptor.tolerances.model_dump() if descriptor else {},
         replay_noise=descriptor.collection.replay_noise.kind if descriptor else None,
         unrecorded=list(descriptor.unrecorded) if descriptor else [],
-        unclaimed_streams=[name for name in STREAMS if name not in descriptor.streams] if descriptor else [],
+        unclaimed_streams=[n for n in STREAMS if n not in (*descriptor.streams, DECISIONS)] if descriptor else [],
         num_missing_attempts=sum(shard.num_missing_attempts for shard in survey.shards),
         content_identity=content_identity(content, claimed),
         content=content,
@@ -298,7 +298,7 @@ def _facts(survey: Survey, source: Survey, files: Mapping[str, str]) -> DatasetF
         num_files=len(survey.files),
         num_beside=survey.num_beside,
         num_bytes=sum(entry.size for entry in survey.files),
-        num_groups=num_groups(survey.shards),
+        num_groups=0 if descriptor and descriptor.is_of_drives else num_groups(survey.shards),
         num_rollouts=sum(len(shard.rollout_ids) for shard in survey.shards),
         rows=rows,
     )

@@ -43,7 +43,8 @@ def select_candidates(view: ShardView, compliant: NDArray[np.bool_]) -> Selectio
         view: The shard.
         compliant: Attempts without any violation ``[rollouts]``.
     """
-    candidate = np.flatnonzero(view.complete & ~view.role("nominal_replay") & (view.policy >= 0)).tolist()
+    roles = view.role("nominal") | view.role("intervention")
+    candidate = np.flatnonzero(view.complete & roles & (view.policy >= 0)).tolist()
     attempt, names = view.rollouts["attempt"], view.rollout_ids
     order = sorted(candidate, key=lambda i: (not compliant[i], attempt[i], names[i]))
     codes, texts = view.rollouts.categories("protocol_variant")

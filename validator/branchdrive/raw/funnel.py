@@ -126,6 +126,8 @@ def group_outcomes(
     is_branched = np.isin(np.arange(len(view.group_ids)), view.group[view.branched])
     named = zip(view.group_ids, is_branched.tolist(), strict=True)
     outcomes = [GroupOutcome(str(group_id), branched) for group_id, branched in named]
+    if view.descriptor.is_of_drives:  # which have no bank, and are in no funnel
+        return [replace(outcome, lost_at="bank") for outcome in outcomes]
     for stage, rules in by_stage.items():
         for g, outcome in enumerate(outcomes):
             reasons = tuple(rule_id for rule_id, groups in rules.items() if groups[g])

@@ -125,6 +125,16 @@ class BranchGroup:
         """Independent further executions of the nominal policy."""
         return self._of_role("nominal_replay")
 
+    @property
+    def drives(self) -> tuple[Rollout, ...]:
+        """Attempts with a decision or several, in a dataset of drives."""
+        return self._of_role("drive")
+
+    @property
+    def _roles(self) -> tuple[str, ...]:
+        """Roles that its attempts can have."""
+        return ("nominal", "drive") if self.drives else ("nominal", "intervention", "nominal_replay")
+
     def _of_role(self, role: str) -> tuple[Rollout, ...]:
         return tuple(rollout for rollout in self.rollouts if rollout.record["role"] == role)
 
@@ -175,8 +185,7 @@ class BranchGroup:
         return html_of(f"BranchGroup {self.group_id}", [*named, *facts], [Table("Attempts", columns, rows)])
 
     def __repr__(self) -> str:
-        roles = ("nominal", "intervention", "nominal_replay")
-        counts = ", ".join(f"{len(self._of_role(role))} {role}" for role in roles)
+        counts = ", ".join(f"{len(self._of_role(role))} {role}" for role in self._roles)
         lines = [f"BranchGroup({self.group_id!r}: {counts}; {len(self.interventions)} actions)"]
         for rollout in self.rollouts:
             shapes = [f"{name} {list(_shape(rollout, name))}" for name in rollout.tables]

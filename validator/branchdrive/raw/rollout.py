@@ -30,7 +30,7 @@ ROLLOUTS = "rollouts"
 MAP = "map"
 """Name of the table that holds the maps of towns, and no rows of rollouts."""
 
-_ROLE_ORDER = ("nominal", "intervention", "nominal_replay")
+_ROLE_ORDER = ("nominal", "intervention", "nominal_replay", "drive")
 
 
 _FILLERS: Mapping[str, object] = {
@@ -178,7 +178,7 @@ def key_columns(table: pa.Table, declared: Table) -> list[np.ndarray[Any, Any]]:
 def canonical_key(record: Mapping[str, Any], descriptor: Descriptor) -> tuple[int, int, str, str, int, str]:
     """Sort key of a rollout inside its group: the order in which readers and writers of a group list its rollouts.
 
-    Nominal, then interventions in the order of the action bank, then nominal replays; attempts of
+    Nominal, then interventions in the order of the action bank, then nominal replays, then drives; attempts of
     the same protocol by number. It does not depend on the order in which rollouts were executed.
     """
     keys = descriptor.action_bank.keys

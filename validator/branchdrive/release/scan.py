@@ -139,6 +139,8 @@ def _finished(survey: Survey) -> Descriptor:
         raise DatasetError(f"{survey.folder}: {NOT_READ}; run `branchdrive-validate`")
     if not survey.shard_folders:
         raise DatasetError(f"{survey.folder}: holds no raw layer; build from the dataset that does")
+    if survey.descriptor.is_of_drives:
+        raise DatasetError(f"{survey.folder}: holds drives, which are in no branch group; nothing is derived from them")
     if survey.manifest is None:
         raise DatasetError(f"{survey.folder}: has no {MANIFEST_FILE}: finish the collection before a release is built")
     return survey.descriptor

@@ -123,16 +123,23 @@ class InventedScene:
 
 @dataclass(frozen=True)
 class Plan:
-    """One attempt to drive."""
+    """One attempt to drive; a drive may decide again, at ticks and for action keys."""
 
     role: str
     action_key: str
     attempt: int = 1
     branch_tick: int = BRANCH_TICK
+    later: tuple[tuple[int, str], ...] = ()
+
+    @property
+    def decisions(self) -> tuple[tuple[int, str], ...]:
+        """Tick and action key of every decision; of a nominal rollout or replay none."""
+        begins = self.role in ("intervention", "drive")
+        return ((self.branch_tick, self.action_key), *self.later) if begins else ()
 
     def rollout_id(self, group_id: str) -> str:
         """Identifier of the attempt in a group."""
-        stem = "nominal_replay" if self.role == "nominal_replay" else self.action_key
+        stem = {"nominal_replay": self.role, "drive": f"drive-{self.action_key}"}.get(self.role, self.action_key)
         return f"{group_id}.{stem}.a{self.attempt}"
 
 
@@ -167,7 +174,10 @@ def _demand(rule: str, value: float | None, expert: np.float32, nominal: np.floa
 
 @dataclass
 class Drive:
-    """Attempts of a group side by side: state ``[ticks, attempts]``, commands ``[ticks, attempts, 3]`` float32."""
+    """Attempts of a group side by side: state ``[ticks, attempts]``, commands ``[ticks, attempts, 3]`` float32.
+
+    Of a policy that copies, ``stored`` is what it finds.
+    """
 
     x_m: Array
     y_m: Array
@@ -175,6 +185,7 @@ class Drive:
     speed_mps: Array
     expert: Array
     applied: Array
+    stored: Array
     active: Array
 
 
@@ -192,31 +203,33 @@ def _expert(route: Route, x: Array, y: Array, yaw: Array, speed: Array, tick: in
 def drive(
     scene: InventedScene, planned: Sequence[Plan], bank: ActionBank, num_ticks: int = NUM_TICKS, *, seed: int = 0
 ) -> Drive:
-    """Drive all attempts tick by tick; attempt 0 is the nominal whose commands the others store."""
+    """Drive all attempts tick by tick; others store commands of attempt 0, the nominal, until they decide again."""
     route, count = scene.route, len(planned)
     aside, faster = scene.departures(count, seed)  # replays start almost alike
     progress, offset, first_speed = scene.start
     x, y, yaw = (np.array(v) for v in route.point(np.full(count, progress), offset + aside))
     speed = first_speed + faster
     state = np.zeros((4, num_ticks, count))
-    expert, applied = (np.zeros((num_ticks, count, 3), np.float32) for _ in range(2))
+    expert, applied, stored = (np.zeros((num_ticks, count, 3), np.float32) for _ in range(3))
     active = np.zeros((num_ticks, count), bool)
     for tick in range(num_ticks):
         state[:, tick] = x, y, yaw, speed
         command = _expert(route, x, y, yaw, speed, tick)
         expert[tick], applied[tick] = command, command
         for i, plan in enumerate(planned):
-            policy = bank[plan.action_key]
-            if plan.role == "intervention" and plan.branch_tick <= tick < plan.branch_tick + policy.duration_ticks:
-                active[tick, i] = True
-                for k, rule in enumerate(policy.rules):
-                    applied[tick, i, k] = _demand(rule.rule, rule.value, command[i, k], command[0, k])
+            made = [decision for decision in plan.decisions if decision[0] <= tick]
+            stored[tick, i] = command[i if len(made) > 1 else 0]
+            if not made or tick >= made[-1][0] + bank[made[-1][1]].duration_ticks:
+                continue
+            active[tick, i] = True
+            for k, rule in enumerate(bank[made[-1][1]].rules):
+                applied[tick, i, k] = _demand(rule.rule, rule.value, command[i, k], stored[tick, i, k])
         steer, throttle, brake = applied[tick].astype(float).T
         x, y = x + TICK_S * speed * np.cos(yaw), y + TICK_S * speed * np.sin(yaw)
         yaw = yaw - TICK_S * speed * np.tan(0.6 * steer) / 2.8
         speed = np.maximum(speed + TICK_S * (3.0 * throttle - 6.0 * brake - 0.09 * speed), 0.0)
     wrapped = (state[2] + np.pi) % (2 * np.pi) - np.pi
-    return Drive(state[0], state[1], wrapped, state[3], expert, applied, active)
+    return Drive(state[0], state[1], wrapped, state[3], expert, applied, stored, active)
 
 
 def _route_position(x: Array, y: Array, line_x: Array, line_y: Array) -> tuple[Array, Array, Array]:

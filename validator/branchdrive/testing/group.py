@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import TABLES, TICK_TABLES, table_schema
+from branchdrive.contract.columns import DECISIONS, TABLES, TICK_TABLES, table_schema
 from branchdrive.driving.risk import risk_evidence
 from branchdrive.tables.arrow import unsigned_zeros
 from branchdrive.testing.drive import (
@@ -113,7 +113,7 @@ def _control_columns(driven: Drive, i: int, num_ticks: int) -> dict[str, Any]:
     for k, actuator in enumerate(("steer", "throttle", "brake")):
         columns[f"expert_{actuator}"] = driven.expert[:num_ticks, i, k]
         columns[f"applied_{actuator}"] = driven.applied[:num_ticks, i, k]
-        columns[f"nominal_{actuator}"] = np.ma.masked_array(driven.applied[:num_ticks, 0, k], ~active)
+        columns[f"nominal_{actuator}"] = np.ma.masked_array(driven.stored[:num_ticks, i, k], ~active)
         columns[f"intended_{actuator}"] = np.ma.masked_array(driven.applied[:num_ticks, i, k], ~active)
     return columns
 
@@ -286,6 +286,10 @@ def make_group(
             [plan.rollout_id(group_name(index)) for plan in planned], [len(p["tick"]) for p in parts]
         )
         tables[name] = to_table(name, merged)
+    if any(plan.role == "drive" for plan in planned):
+        made = [(plan.rollout_id(group_name(index)), *one) for plan in planned for one in plan.decisions]
+        names = ("rollout_id", "tick", "action_key")
+        tables[DECISIONS] = to_table(DECISIONS, {name: [one[i] for one in made] for i, name in enumerate(names)})
     return tables | {"rollouts": by_key("rollouts", tables["rollouts"])}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
-from branchdrive.contract.columns import PATTERNS, RECORDABLE, STREAMS, TABLES, Column
+from branchdrive.contract.columns import DECISIONS, PATTERNS, RECORDABLE, STREAMS, TABLES, Column
 from branchdrive.contract.descriptor import DeclaredEncoding, Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
@@ -204,12 +204,12 @@ def _unclaiming_descriptor_documents() -> SearchStrategy[Document]:
 
 @st.composite
 def descriptor_documents(draw: DrawFn) -> Document:
-    """Descriptors of small banks, optional properties there or not."""
+    """Descriptors of small banks and of branch groups, optional properties there or not."""
     document = draw(_unclaiming_descriptor_documents())
     if (document.get("driver") or {}).get("kind") == "log":
         document["unrecorded"] = list(RECORDABLE)
     required = [name for name, stream in STREAMS.items() if stream.required]
-    optional = [name for name in STREAMS if name not in required]
+    optional = [name for name in STREAMS if name not in (*required, DECISIONS)]
     document["streams"] = draw(st.permutations([*required, *sorted(draw(st.sets(st.sampled_from(optional))))]))
     if cameras := draw(camera_lists(document["streams"])):
         document["cameras"] = cameras
@@ -360,7 +360,7 @@ def rollout_records(draw: DrawFn, bank: SearchStrategy[ActionBank] | None = None
     """Rows of the rollouts table that agree with themselves and with a policy of a bank."""
     table = TABLES["rollouts"]
     known = load_action_bank() if bank is None else draw(bank)
-    role = draw(column_values(table["role"]))
+    role = draw(column_values(table["role"]).filter(lambda role: role != "drive"))
     policy = draw(st.sampled_from(known.interventions)) if role == "intervention" else known.nominal
     has_branch = draw(st.booleans())
     status = draw(column_values(table["status"]))

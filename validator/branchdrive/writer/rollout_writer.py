@@ -70,6 +70,10 @@ class RolloutWriter:
         """
         self._append("controls", columns)
 
+    def append_decisions(self, **columns: object) -> None:
+        """Append what was chosen in a drive, one row per decision; see `append_ticks`."""
+        self._append("decisions", columns)
+
     def append_observations(self, **columns: object) -> None:
         """Append rows of the ego and route state; see `append_ticks`."""
         self._append("observations", columns)

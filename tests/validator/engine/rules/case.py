@@ -27,7 +27,7 @@ from branchdrive.formats.untrusted_parquet import decode_table
 from branchdrive.tables.content import table_digest
 
 Edit: TypeAlias = Callable[[Any], object]
-Base = Literal["full", "media", "map", "bare", "release", "detached", "alone", "benchmark"]
+Base = Literal["full", "drives", "media", "map", "bare", "release", "detached", "alone", "benchmark"]
 RELEASES: tuple[Base, ...] = ("release", "detached", "alone", "benchmark")
 
 SHARD_0, SHARD_1 = synthetic.SHARDS
@@ -186,9 +186,14 @@ def boundary(
     return register
 
 
+_BASES_OF_STREAMS: dict[str, Base] = {"map": "map", "decisions": "drives"}
+"""Bases of rules on a stream that the others do not claim."""
+
+
 def _base_of(rule: str) -> Base:
-    if "map" in CATALOGUE[rule].streams:
-        return "map"
+    for stream, base in _BASES_OF_STREAMS.items():
+        if stream in CATALOGUE[rule].streams:
+            return base
     bases: dict[str | None, Base] = {None: "full", "benchmark": "benchmark"}
     return bases.get(CATALOGUE[rule].layer, "release")
 
@@ -196,12 +201,14 @@ def _base_of(rule: str) -> Base:
 def new_draft(base: Base = "full") -> Draft:
     """A valid dataset to edit.
 
-    It has actors and evidence, with media or maps too, or neither; or it is a release with media in place, detached
-    beside its raw dataset, or alone, or in place with a benchmark.
+    It has actors and evidence, with media or maps too, or neither, or is one of drives; or it is a release with media
+    in place, detached beside its raw dataset, or alone, or in place with a benchmark.
     """
     match base:
         case "full":
             return Draft(synthetic.base_tables(), synthetic.descriptor())
+        case "drives":
+            return Draft(synthetic.drives_tables(), synthetic.drives_descriptor())
         case "media":
             return Draft(synthetic.media_tables(), synthetic.media_descriptor())
         case "map":

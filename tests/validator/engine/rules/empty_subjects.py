@@ -94,6 +94,17 @@ def nothing_is_recorded(d: Draft) -> None:
     _without_rows(d)
 
 
+@empties("KEY 009", base="drives")
+def nothing_is_decided(d: Draft) -> None:
+    _without_rows(d)
+
+
+@empties("CTL 016", base="drives")
+def nobody_decides(d: Draft) -> None:
+    for rollout_id in d.take("rollouts", role="drive")["rollout_id"].to_pylist():
+        d.drop_attempt(rollout_id)
+
+
 @empties("MAP 001 002 003 004 005 006 007 008 009 010", base="map")
 def nothing_is_mapped(d: Draft) -> None:
     _without_rows(d)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from branchdrive.cli.formats.causes import causes_text
 from branchdrive.cli.formats.outcome import RULE_EXPLAINED, Failure, Outcome
-from branchdrive.cli.funnel import funnel_table, lost_groups_table
+from branchdrive.cli.funnel import funnel_table, lost_groups_table, no_funnel
 from branchdrive.contract.text import counted
 from branchdrive.engine.report import Report
 from branchdrive.text.markdown import code_span, section_lines
@@ -85,9 +85,9 @@ def _failure_lines(failure: Failure) -> Iterator[str]:
 
 def _funnel_lines(report: Report) -> Iterator[str]:
     yield ""
-    if report.funnel is None:
-        yield from ("## Funnel", "", "not judged")
-    else:
+    if reason := no_funnel(report):
+        yield from ("## Funnel", "", reason)
+    elif report.funnel is not None:
         yield from section_lines(funnel_table(report.funnel))
     if lost := lost_groups_table(report, GROUPS_SHOWN):
         yield from ("", *section_lines(lost))

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Literal, NamedTuple, Self
 
 from branchdrive.cli.formats.causes import causes
+from branchdrive.cli.funnel import NO_GROUPS
 from branchdrive.contract.rule import RuleInfo, cause_order
 from branchdrive.contract.text import counted
 from branchdrive.engine.finding import Finding, location_text
@@ -160,7 +161,9 @@ def _place(part: Sequence[Finding]) -> Place:
 def headline(report: Report) -> str:
     """The verdict, what it means, and how many groups qualify."""
     qualified = ""
-    if report.num_qualified is not None and report.verdict != "error":
+    if report.is_of_drives:
+        qualified = f"; {NO_GROUPS}"
+    elif report.num_qualified is not None and report.verdict != "error":
         num_groups = report.dataset.num_groups if report.num_groups is None else report.num_groups
         verb = "qualifies" if num_groups == 1 else "qualify"
         qualified = f"; {report.num_qualified:,} of {counted(num_groups, 'group')} {verb}"

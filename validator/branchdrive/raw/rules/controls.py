@@ -231,7 +231,7 @@ def nominal_runs_untouched(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """A nominal rollout or replay has no active tick."""
     yield _at_rows(
         view,
-        subjects & ~view.role("intervention"),
+        subjects & (view.role("nominal") | view.role("nominal_replay")),
         view.controls.is_there,
         _marked(view, view.active_rows),
         lambda _: "inactive",

@@ -177,19 +177,26 @@ def row_counts_match(view: ShardView) -> Iterator[Check]:
 
 @rule("BD-KEY-008")
 def action_keys_agree_with_roles(view: ShardView) -> Iterator[Check]:
-    """Interventions execute a policy of the bank that intervenes; the other roles the nominal policy."""
+    """Interventions execute a policy of the bank that intervenes, nominals and replays the nominal policy.
+
+    Drives, which only a dataset with decisions has, begin with any.
+    """
     bank = view.descriptor.action_bank
     nominal = list(bank.keys).index(bank.nominal.key)
-    intervenes = view.role("intervention")
+    intervenes, drives = view.role("intervention"), view.role("drive")
     is_known = view.policy >= 0
-    bad = np.flatnonzero(~is_known | ((view.policy == nominal) == intervenes))
+    is_fit = np.where(drives, view.descriptor.is_of_drives, (view.policy == nominal) != intervenes)
+    bad = np.flatnonzero(~(is_known & is_fit))
+
+    def expected(row: int) -> str:
+        if drives[row]:
+            return "a policy of the bank" if view.descriptor.is_of_drives else "no drive, as no decisions are claimed"
+        return "an intervening policy of the bank" if intervenes[row] else f"{bank.nominal.key!r}"
+
     yield Check.of_rows(
         "rollouts",
         "action_key",
         view.num_rollouts,
         bad,
-        lambda row: (
-            "an intervening policy of the bank" if intervenes[row] else f"{bank.nominal.key!r}",
-            quote(view.rollouts["action_key"][row]),
-        ),
+        lambda row: (expected(row), quote(view.rollouts["action_key"][row])),
     )

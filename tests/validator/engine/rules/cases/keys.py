@@ -224,6 +224,11 @@ def intervention_under_the_nominal_key(d: Draft) -> None:
     d.set("rollouts", "action_key", "nominal", rollout_id="g1.brake_0.50.a2")
 
 
+@mutant("BD-KEY-008", at=_record("g1.brake_0.50.a2", "action_key"))
+def drive_without_a_stream_of_decisions(d: Draft) -> None:
+    d.set("rollouts", "role", "drive", rollout_id="g1.brake_0.50.a2")
+
+
 # BD-TAB-007
 
 
