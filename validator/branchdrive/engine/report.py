@@ -169,7 +169,7 @@ class Report:
     def conditions(self) -> tuple[str, ...]:
         """What the verdict depends on beside the data, one line each."""
         defaults = Tolerances().model_dump()
-        deselected = [tally.rule_id for tally in self.tallies if tally.unjudged == "deselected"]
+        deselected = [tally.rule_id for tally in self.tallies if tally.is_claimed and tally.unjudged == "deselected"]
         waived = [tally for tally in self.tallies if any(f.waived for f in tally.findings)]
         digest = self.dataset.descriptor_digest
         lines = [f"descriptor {digest}" if digest else None]

@@ -222,6 +222,7 @@ def _merge(
         tally = tallies[rule_id] = Tally(rule_id)
         if rule_id not in selected:
             tally.unjudged = "deselected"
+            tally.is_claimed = described is None or tally.info.is_about(described.streams)
         elif tally.info.scope == "dataset":
             _judge_survey(survey, tally, tallies)
             if tally.info.grain in ("rollout", "group"):
