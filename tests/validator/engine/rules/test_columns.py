@@ -33,18 +33,22 @@ STEERED, NOMINAL = "g0.steer_left_0.10.a1", "g0.nominal.a1"
 
 @cache
 def small_shard() -> dict[str, pa.Table]:
-    """Two attempts of one group, with media and a map."""
+    """Two attempts of one group, with media and a map, and decisions of drives."""
     planned = [Plan("nominal", "nominal"), Plan("intervention", "steer_left_0.10")]
     frames = synthetic.media_tables()["raw/shard-00000"]["frames"]
     frames = frames.filter(pc.equal(frames["rollout_id"].cast(pa.string()), NOMINAL)).slice(0, 6)
     elements = synthetic_map.map_tables()["raw/shard-00000"]["map"]
-    return {**synthetic.make_group(0, planned, num_ticks=151), "map": elements, "frames": frames}
+    decisions = synthetic.drives_tables()["raw/shard-00000"]["decisions"]
+    tables = synthetic.make_group(0, planned, num_ticks=151)
+    return {**tables, "map": elements, "frames": frames, "decisions": decisions}
 
 
 @cache
 def place(table: str) -> int:
     """Row that is edited: of the intervention inside its window, where actors and masks are on, or its lane."""
     rows = small_shard()[table].to_pylist()
+    if table == "decisions":
+        return 0
     if table == "map":
         return next(i for i, row in enumerate(rows) if row["element_id"] == "lane-0")
     wanted = {"rollout_id": NOMINAL if table == "frames" else STEERED}

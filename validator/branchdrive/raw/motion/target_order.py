@@ -59,7 +59,7 @@ class _Points(NamedTuple):
 def target_order(view: ShardView) -> TargetOrder:
     """Observations of the windows whose target points are contradicted by others of the attempt or its nominal."""
     observations, route = view.observations, np.append(view.cached(routes).of_rollout, -1)
-    attempts = np.flatnonzero(view.branched & (route[:-1] >= 0))
+    attempts = np.flatnonzero(view.branched & (route[:-1] >= 0) & observations.is_there)
     compared, found = np.zeros(view.num_rollouts, bool), [np.zeros((3, 0), np.int64)]
     for start in range(0, len(attempts), _ATTEMPTS_AT_ONCE):
         part = attempts[start : start + _ATTEMPTS_AT_ONCE]

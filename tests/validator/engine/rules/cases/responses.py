@@ -59,8 +59,8 @@ def commands_are_ignored(d: Draft) -> None:
 
 @boundary("BD-RSP-002", "BD-GRP-009", base="bare")
 def throttle_that_does_nothing_in_two_of_three_groups(d: Draft) -> None:
-    """A vehicle at its top speed has no use for more throttle."""
-    like_nominal(d, lambda row: row["action_key"] == "accelerate_0.80" and row["group_id"] != "g0")
+    """The first third of a pedal may be dead."""
+    like_nominal(d, lambda row: row["action_key"] == "accelerate_0.30" and row["group_id"] != "g0")
 
 
 @mutant("BD-RSP-002", base="bare", at={"action_key": "accelerate_0.80"})
