@@ -1,4 +1,4 @@
-"""The valid datasets that the fuzz damages: a small raw layer, a release, and a dataset of all layers.
+"""The valid datasets that the fuzz damages: a small raw layer, drives, a release, and a dataset of all layers.
 
 Most cases damage the small ones, which take a fraction of the time.
 """
@@ -16,7 +16,7 @@ from branchdrive.testing.drive import CAR_M, CONE_M, PERSON_M, InventedActor, In
 
 __all__ = ["WEIGHTS", "write_base", "write_bases"]
 
-WEIGHTS = {"raw": 24, "release": 7, "benchmark": 1}
+WEIGHTS = {"raw": 24, "drives": 3, "release": 7, "benchmark": 1}
 """Share of the cases that damages each dataset."""
 
 _NUM_GROUPS = 7
@@ -66,11 +66,11 @@ def write_bases(folder: Path) -> dict[str, Path]:
 
 def write_base(name: str, root: Path) -> None:
     """Write one of the datasets into the new folder `root`."""
-    if name == "benchmark":
-        # Its layers come from the builder and its predictions from the tests of the benchmark.
-        from tests.mutation import new_draft
+    if name in ("drives", "benchmark"):
+        # Layers come from the builder, and predictions from the tests of the benchmark.
+        from tests.validator.engine.rules.case import new_draft
 
-        new_draft("benchmark").write(root)
+        new_draft(name).write(root)
         return
     _dataset(1 if name == "raw" else _NUM_GROUPS).write(root)
     if name == "release":

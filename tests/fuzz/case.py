@@ -47,7 +47,11 @@ DAMAGE_WEIGHTS = {
     "removed": 1, "special": 3, "name": 2, "tree": 1, "while_read": 3, "media": 8,
 }  # fmt: skip
 
-LAYERS_EDITED = {"raw": ("raw",), "release": ("canonical", "quality", "model"), "benchmark": ("benchmark",)}
+_WITHOUT_MEDIA = {name: weight for name, weight in DAMAGE_WEIGHTS.items() if name != "media"}
+
+LAYERS_EDITED = {
+    "raw": ("raw",), "drives": ("raw",), "release": ("canonical", "quality", "model"), "benchmark": ("benchmark",),
+}  # fmt: skip
 """Layers of each dataset whose cells are edited; the others are those of another dataset."""
 
 _MAX_HASHED_BYTES = 2**26
@@ -181,7 +185,7 @@ class Fuzz:
             put(root / edit.place.path, edit.content)
             known |= {"what": f"{edit.place.name} {edit.what}", "column": edit.place.name, "kind": edit.kind}
         else:
-            damage = _weighted(draw, DAMAGE_WEIGHTS)
+            damage = _weighted(draw, _WITHOUT_MEDIA if base == "drives" else DAMAGE_WEIGHTS)
             if damage == "while_read":
                 what, victim, change = _while_read(draw, root)
             else:

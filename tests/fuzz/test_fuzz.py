@@ -47,7 +47,7 @@ def test_draws_depend_on_seed_and_number_alone() -> None:
 
 def test_cells_of_every_column_of_the_raw_layer_are_edited(bases: dict[str, Path]) -> None:
     expected = {f"raw/{name}.{column.name}" for name, table in TABLES.items() for column in table.columns}
-    assert {place.name for place in places(bases["raw"])} == expected
+    assert {place.name for base in ("raw", "drives") for place in places(bases[base])} == expected
 
 
 def test_every_edit_of_a_table_is_one_of_a_table_without_rows_too() -> None:

@@ -150,7 +150,8 @@ def outcomes_of_hard_braking_exchanged(d: Draft) -> None:
 def outcomes_of_a_vehicle_that_hardly_drives_exchanged(d: Draft) -> None:
     """From a standstill it may roll back."""
     _exchange_driving(d, "brake_0.30", "brake_1.00")
-    d.set("observations", "speed_mps", 0.5, group_id="g1", tick=BRANCH_TICK)
+    attempts = d.take("rollouts", group_id="g1")["rollout_id"].to_pylist()
+    d.set("observations", "speed_mps", 0.5, rollout_id=attempts, tick=BRANCH_TICK)
 
 
 @boundary("BD-GRP-011", base="bare")
