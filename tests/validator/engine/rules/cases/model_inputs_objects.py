@@ -31,7 +31,7 @@ def object_that_is_left_out(d: ReleaseDraft) -> None:
     d.drop(OBJECTS, **AT_BRANCH)
 
 
-@mutant("BD-MOD-023", at={"table": OBJECTS, "group_id": TEST, "offset_ticks": 0, "object_index": 500})
+@mutant("BD-MOD-023", at={"table": OBJECTS, "group_id": TEST, "offset_ticks": 0, "object_index": 500}, findings=2)
 def object_that_nobody_recorded(d: ReleaseDraft) -> None:
     d.add_objects()
     d.set(OBJECTS, "object_index", 500, group_id=TEST, offset_ticks=-5, object_index=0)
