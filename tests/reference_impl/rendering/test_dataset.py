@@ -330,8 +330,8 @@ def test_the_command_says_what_it_did(
     [
         (["--streams", "lidar"], "--streams: unknown stream 'lidar'; choose from rgb_surround"),
         (["--streams", ""], "unknown stream"),
-        (["--width", "3"], "16 .. 4096"),
-        (["--jobs", "0"], "1 .. 1024"),
+        (["--width", "3"], "from 16 to 4096"),
+        (["--jobs", "0"], "from 1 to 1024"),
     ],
 )
 def test_wrong_options_are_refused(bare: Path, options: list[str], message: str) -> None:
