@@ -312,7 +312,7 @@ OVERSIZED: dict[str, tuple[Any, Mismatch]] = {
     ),
     "streams": (
         descriptor(streams=[[0], {}] * 300_000),
-        wrong("/streams", "maxItems 8", beginning([[0], {}] * 100)),
+        wrong("/streams", "maxItems 9", beginning([[0], {}] * 100)),
     ),
     "cameras": (
         descriptor(cameras=[0] * 500_000),
