@@ -158,5 +158,5 @@ def test_images_decide_which_protocol_is_the_default(release: Path) -> None:
 def test_normative_protocols_have_names() -> None:
     assert read_protocol_file(Path("structured")) == default_protocol()
     assert read_protocol_file(Path("visual")) == visual_protocol()
-    with pytest.raises(UsageError, match="'visul' is no protocol; give `structured`, .*, `objects` or a file"):
+    with pytest.raises(UsageError, match="`visual`, `trees`, `objects` or a file"):
         read_protocol_file(Path("visul"))
