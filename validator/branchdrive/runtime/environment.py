@@ -37,8 +37,8 @@ _VERSION = re.compile(
 """Epoch, release numbers, and what makes a version an early one of its release."""
 
 MODULES = {
-    "commonroad-vehicle-models": "vehiclemodels", "opencv-python-headless": "cv2", "pillow": "PIL",
-    "rerun-sdk": "rerun",    "scikit-learn": "sklearn",
+    "commonroad-vehicle-models": "vehiclemodels", "mkdocstrings-python": "mkdocstrings_handlers",
+    "opencv-python-headless": "cv2", "pillow": "PIL", "rerun-sdk": "rerun", "scikit-learn": "sklearn",
 }  # fmt: skip
 """Module of a distribution whose name tells nothing about it."""
 
