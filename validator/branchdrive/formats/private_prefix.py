@@ -1,8 +1,8 @@
 """A prefix of a bucket, in which values wait under names until a later run asks for them.
 
 Each is an object of its own, which appears whole or not at all, and which the first of several writers makes. Who may
-write there is for the bucket to say, and whoever may can put verdicts there; but no value is believed that is damaged,
-cut off or another's. What is old is removed by rules of the bucket.
+write there is for the bucket to say, and everyone who may write can put verdicts there; but no value is believed that
+is damaged, cut off or another's. What is old is removed by rules of the bucket.
 """
 
 from __future__ import annotations

@@ -143,12 +143,12 @@ def codes(columns: Iterable[tuple[Readings, Order | None]], asked: Sequence[Answ
     Raises:
         TooFewError: Not even a reading with one cell for each answer could be told from chance.
     """
-    told = [answers for answers in asked if answers.is_rich]
-    least = min((_least_chance(answers) for answers in told), default=1.0)
+    rich = [answers for answers in asked if answers.is_rich]
+    least = min((_least_chance(answers) for answers in rich), default=1.0)
     candidates: list[tuple[int, int, str]] = []
     chances: list[float] = []
     for column, (readings, order) in enumerate(columns if least <= ALPHA else ()):
-        for answers in told:
+        for answers in rich:
             cells = readings.cells[:, answers.units]
             tests = np.flatnonzero(_num_shared(cells) > _MIN_SHARED * len(answers.units))
             judged = _judged(cells[tests], answers)

@@ -173,7 +173,7 @@ def steering_and_braking_have_an_effect(view: ShardView, selection: Selection, s
 def _ordered(
     view: ShardView, subjects: Mask, found: Contrary, text: Callable[[str, str, float], tuple[str, str]]
 ) -> Check:
-    """Check of groups in which no two candidates end contrary to a command; the widest pair of each is told."""
+    """Check of groups in which no two candidates end contrary to a command; the finding names the widest pair."""
     keys = view.descriptor.action_bank.keys
     widest = dict(zip(found.group[order := np.argsort(found.away_m, kind="stable")].tolist(), order, strict=True))
     num_pairs = np.bincount(found.group, minlength=len(view.group_ids))
