@@ -20,6 +20,7 @@ from branchdrive.errors import UsageError
 from branchdrive.exit_code import EXIT_INTERRUPTED
 from branchdrive.runtime.environment import extra
 from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
+from branchdrive.runtime.progress import unwatched
 
 if TYPE_CHECKING:
     from branchdrive.collector.report import CollectionReport
@@ -109,8 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         metavar="URL",
         type=bucket,
-        help="put finished shards below this prefix of a bucket as they come, as s3://BUCKET/PREFIX, and the manifest "
-        "when all is there; OUT is where the work is done",
+        help="put finished shards and their media below this prefix of a bucket as they come, as s3://BUCKET/PREFIX, "
+        "and the manifest when all is there; OUT is where the work is done",
     )
     work.add_argument("--resume", action="store_true", help="only go on with a collection that OUT already holds")
 
@@ -184,7 +185,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                     raise_if_noted()
                 finished = groups
                 show(groups, num_groups, f"{ticks:,} ticks")
-                if upload is not None and not args.media:  # which changes shards once more
+                if upload is not None:
                     upload.send_shards()
 
             if not (args.media and _is_being_rendered(args, chosen, num_groups)):
@@ -209,7 +210,9 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
                 stdout.write("".join(f"{line}\n" for line in _collected(report)))
                 stdout.flush()
             if args.media:
-                images = _render(args, bar.enter_context(progress_bar(stderr, "rendering groups")))
+                if upload is not None:
+                    upload.send_shards()  # a refusal comes before images are drawn
+                images = _render(args, upload, bar.enter_context(progress_bar(stderr, "rendering groups")))
                 bar.close()
             if upload is not None:
                 upload.finish(bar.enter_context(progress_bar(stderr, "uploading")))
@@ -243,7 +246,12 @@ def _upload(args: argparse.Namespace) -> ShardUpload | None:
     from branchdrive.formats.folder import Folder
     from branchdrive.writer.shard_upload import ShardUpload
 
-    return ShardUpload.at(Folder(args.out), args.output)
+    dataset, media = Folder(args.out), None
+    if args.media:
+        from branchdrive_reference.rendering.dataset import finished_media
+
+        media = finished_media(dataset)
+    return ShardUpload.at(dataset, args.output, media)
 
 
 def _is_being_rendered(args: argparse.Namespace, chosen: _Choice, num_groups: int) -> bool:
@@ -261,11 +269,19 @@ def _is_being_rendered(args: argparse.Namespace, chosen: _Choice, num_groups: in
     return is_being_rendered(args.out, descriptor, num_groups)
 
 
-def _render(args: argparse.Namespace, show: Update) -> RenderReport:
+def _render(args: argparse.Namespace, upload: ShardUpload | None, show: Update) -> RenderReport:
     from branchdrive_reference.collect.media import default_media
     from branchdrive_reference.rendering.dataset import render_dataset
 
-    return render_dataset(args.out, default_media(), jobs=args.jobs or 1, executor=engine_of(args), watch=show)
+    note_shard = unwatched if upload is None else upload.send_shards
+    return render_dataset(
+        args.out,
+        default_media(),
+        jobs=args.jobs or 1,
+        executor=engine_of(args),
+        watch=show,
+        note_shard=note_shard,
+    )
 
 
 def _command_line(args: argparse.Namespace) -> str:

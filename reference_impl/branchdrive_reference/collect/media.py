@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from branchdrive.contract.columns import STREAMS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import DESCRIPTOR_FILE
 from branchdrive.errors import UsageError
@@ -40,9 +39,7 @@ def is_being_rendered(root: Path, descriptor: Descriptor, num_groups: int) -> bo
     found = read_descriptor(Folder(root))
     if not found.cameras and not is_rendering(root):
         return False
-    streams = tuple(name for name in found.streams if not STREAMS[name].cameras)
-    bare = found.model_copy(update={"cameras": (), "streams": streams})
-    fields = differing_values(bare.model_dump(mode="json"), descriptor.model_dump(mode="json"))
+    fields = differing_values(found.without_media.model_dump(mode="json"), descriptor.model_dump(mode="json"))
     if fields:
         raise UsageError(
             f"{root}: holds a dataset with another descriptor ({'; '.join(fields)}); choose another folder"

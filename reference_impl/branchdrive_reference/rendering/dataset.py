@@ -1,14 +1,15 @@
 """Media for a whole dataset: groups become pieces, pieces become shards, and all shards appear with the descriptor.
 
-Until everything is rendered, the dataset stays as it is, and what is finished waits in its staging area. Then the
-manifest goes, media and descriptor take their places, and a new manifest comes last. A killed run is gone on with by
-the same call, at any point.
+Until everything is rendered, the dataset stays as it is, and what is finished waits in its staging area: media of a
+shard are final as soon as all of its groups are rendered. Then the manifest goes, media and descriptor take their
+places, and a new manifest comes last. A killed run is gone on with by the same call, at any point.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -39,7 +40,6 @@ from branchdrive.formats.manifest import (
 from branchdrive.formats.media_archive import MEDIA_FILE
 from branchdrive.formats.parquet import encode_table
 from branchdrive.raw.media.media_folder import FRAMES
-from branchdrive.raw.reader import open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.raw.shard import Shard, find_shards
 from branchdrive.release.publish import RENDER_DIR, staging
@@ -50,8 +50,9 @@ from branchdrive_reference.rendering.group import joined_pieces, piece_paths
 from branchdrive_reference.rendering.plan import MediaPlan, check_renderable, plan_text, with_media
 from branchdrive_reference.rendering.work import Task, render_groups
 
-__all__ = ["RenderReport", "render_dataset"]
+__all__ = ["RenderReport", "finished_media", "render_dataset"]
 
+_AREA = f"{STAGING_DIR}/{RENDER_DIR}/{FRAMES}"
 _PLAN_FILE, _READY_FILE = "plan.json", "ready.txt"
 
 _IMAGE_BYTES, _PIXEL_BYTES = 1800, 0.04
@@ -80,6 +81,18 @@ class RenderReport:
     num_groups: int
 
 
+def finished_media(dataset: Folder) -> dict[str, str]:
+    """Media of shards that are final, and wait until all are: their places in the folder by path in the dataset."""
+    return {path: place for shard in find_shards(dataset) for path, place in _finished_media(dataset, shard).items()}
+
+
+def _finished_media(dataset: Folder, shard: Shard) -> dict[str, str]:
+    folder, index = f"{_AREA}/{shard_name(shard.index)}", TABLES[FRAMES].file_name
+    names = dataset.names(folder)
+    final = [name for name in (MEDIA_FILE, index) if name in names] if index in names else []
+    return {f"{shard.prefix}/{name}": f"{folder}/{name}" for name in final}
+
+
 def render_dataset(
     root: Path,
     plan: MediaPlan,
@@ -88,6 +101,7 @@ def render_dataset(
     jobs: int = 1,
     executor: Executor | None = None,
     watch: Callable[[int, int], None] = unwatched,
+    note_shard: Callable[[Mapping[str, str]], None] = unwatched,
 ) -> RenderReport:
     """Add media to the dataset at `root`, or go on where a run was interrupted.
 
@@ -98,6 +112,8 @@ def render_dataset(
         jobs: Worker processes; 1 works in this process.
         executor: What renders groups instead of these; the dataset's folder is on all of its machines.
         watch: Called with the numbers of finished and of all groups.
+        note_shard: Called for every shard whose media are final, with their places in the folder by path in the
+            dataset.
 
     Raises:
         UsageError: There is no finished dataset, it has media or derived layers, it lacks what images are drawn from,
@@ -112,7 +128,7 @@ def render_dataset(
     if output is not None and output.resolve() != root.resolve():
         source, dataset = dataset, Folder.at(output)
         _copy(source, dataset)
-    return _Rendering(dataset, plan, partial(render_groups, jobs=jobs, executor=executor), watch).run()
+    return _Rendering(dataset, plan, partial(render_groups, jobs=jobs, executor=executor), watch, note_shard).run()
 
 
 def _manifest(dataset: Folder) -> Manifest:
@@ -130,8 +146,10 @@ class _Rendering:
         plan: MediaPlan,
         render: Callable[[Path, MediaPlan, Sequence[Task]], Iterable[Task]],
         watch: Callable[[int, int], None],
+        note_shard: Callable[[Mapping[str, str]], None],
     ) -> None:
-        self._dataset, self._plan, self._render_groups, self._watch = dataset, plan, render, watch
+        self._dataset, self._plan, self._render_groups = dataset, plan, render
+        self._watch, self._note_shard = watch, note_shard
         self._root = dataset.root
         self._num_found = self._num_groups = 0
 
@@ -159,15 +177,15 @@ class _Rendering:
 
     def _refuse_another_plan(self) -> None:
         """Refuse to start over where another plan has finished groups, which may have taken hours."""
-        area = Path(STAGING_DIR) / RENDER_DIR / FRAMES
-        is_begun = (self._root / area / _PLAN_FILE).exists() and any((self._root / area).rglob("*.parquet"))
+        area = self._root / _AREA
+        is_begun = (area / _PLAN_FILE).exists() and any(area.rglob("*.parquet"))
         if not is_begun or not (self._root / MANIFEST_FILE).exists():
             return
-        found = self._dataset.read((area / _PLAN_FILE).as_posix(), spec_limits().max_document_bytes)
+        found = self._dataset.read(f"{_AREA}/{_PLAN_FILE}", spec_limits().max_document_bytes)
         if not found.startswith(self._plan.document()):
             there, wanted = plan_text(found), plan_text(self._plan.document())
             raise UsageError(
-                f"{str(self._root / area)!r} holds what an interrupted run has rendered of {there}; asked for is "
+                f"{str(area)!r} holds what an interrupted run has rendered of {there}; asked for is "
                 f"{wanted}; give the options of that run, under its versions, to go on with it, or delete the "
                 "folder to start over"
             )
@@ -203,8 +221,6 @@ class _Rendering:
         for shard in find_shards(self._dataset):
             make_dir(area / shard_name(shard.index))
         self._render(area)
-        for shard in find_shards(self._dataset):
-            self._join(area, shard)
         replace_file(area / DESCRIPTOR_FILE, render_descriptor(claimed))
         replace_file(area / _READY_FILE, manifest.identity.encode())
 
@@ -231,32 +247,41 @@ class _Rendering:
             )
 
     def _render(self, area: Path) -> None:
+        """Render missing groups; a shard whose groups are all there gets its files at once."""
+        shards = {shard.index: shard for shard in find_shards(self._dataset)}
         tasks = [
             Task(area / shard_name(shard.index), shard.index, number, group_id)
-            for shard in open_dataset(self._root).shards
+            for shard in shards.values()
             for number, group_id in enumerate(_groups(shard))
             if not _index_path(area, shard).exists()
         ]
         missing = [task for task in tasks if not piece_paths(task.folder, task.number)[1].exists()]
-        self._num_groups = sum(len(_groups(shard)) for shard in find_shards(self._dataset))
+        num_missing = Counter(task.shard for task in missing)
+        self._num_groups = sum(len(_groups(shard)) for shard in shards.values())
         self._num_found = self._num_groups - len(missing)
         self._watch(self._num_found, self._num_groups)
+        for shard in shards.values():
+            if not num_missing[shard.index]:
+                self._join(area, shard)
         for done, task in enumerate(self._render_groups(self._root, self._plan, missing), start=1):
             if not piece_paths(task.folder, task.number)[1].exists():
                 raise unseen_error(f"{self._root}: media of group {task.group_id!r}")
+            num_missing[task.shard] -= 1
+            if not num_missing[task.shard]:
+                self._join(area, shards[task.shard])
             self._watch(self._num_found + done, self._num_groups)
 
     def _join(self, area: Path, shard: Shard) -> None:
         """Make the files of a shard of its pieces, the index last."""
         index_path = _index_path(area, shard)
-        if index_path.exists():
-            return
-        folder = index_path.parent
-        numbers = range(len(_groups(shard)))
-        replace_file(index_path, encode_table(joined_pieces(folder, numbers, folder / MEDIA_FILE)))
-        for number in numbers:
-            for path in piece_paths(folder, number):
-                path.unlink()
+        if not index_path.exists():
+            folder = index_path.parent
+            numbers = range(len(_groups(shard)))
+            replace_file(index_path, encode_table(joined_pieces(folder, numbers, folder / MEDIA_FILE)))
+            for number in numbers:
+                for path in piece_paths(folder, number):
+                    path.unlink()
+        self._note_shard(_finished_media(self._dataset, shard))
 
     def _install(self, area: Path) -> None:
         """Put everything in its place; after an interruption at any point it can be done again."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import tarfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -28,7 +29,7 @@ from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.release.publish import is_rendering
 from branchdrive.runtime.elsewhere import _Answer
 from branchdrive.runtime.executor import isolated
-from branchdrive_reference.rendering.dataset import RenderReport, render_dataset
+from branchdrive_reference.rendering.dataset import RenderReport, finished_media, render_dataset
 from branchdrive_reference.rendering.plan import MediaPlan
 from branchdrive_reference.rendering.rig import cameras_of
 
@@ -115,6 +116,30 @@ def test_an_interrupted_run_is_gone_on_with(copy: Path, rendered: RenderReport, 
     render_dataset(copy, PLAN, watch=lambda num_done, _: found.append(num_done))
     assert found[0] == after
     assert files(copy) == files(rendered.root)
+
+
+def test_media_of_a_shard_are_final_when_its_groups_are_rendered(copy: Path, rendered: RenderReport) -> None:
+    final: list[dict[str, bytes]] = []
+    groups: list[int] = []
+
+    def note_shard(places: Mapping[str, str]) -> None:
+        final.append({path: (copy / place).read_bytes() for path, place in places.items()})
+        groups.append(done[-1])
+        assert finished_media(Folder(copy)).items() >= places.items()
+        if len(final) == 1:
+            raise KeyboardInterrupt
+
+    done: list[int] = []
+    for expectation in (pytest.raises(KeyboardInterrupt), nullcontext()):
+        with expectation:
+            render_dataset(copy, PLAN, watch=lambda num_done, _: done.append(num_done), note_shard=note_shard)
+    there = files(rendered.root)
+    media = [
+        {f"raw/shard-0000{index}/{name}": there[f"raw/shard-0000{index}/{name}"] for name in _MEDIA} for index in (0, 1)
+    ]
+    assert final == [media[0], media[0], media[1]]
+    assert groups[0] < 3
+    assert finished_media(Folder(copy)) == {}
 
 
 def interrupt_installing(root: Path, num_moves: int) -> None:

@@ -12,16 +12,21 @@ from tests.bucket_server import BucketServer, serving, use
 from tests.places import files_of
 from tests.validator.writer.invented import make_descriptor, write_dataset, write_group
 
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.layout import MANIFEST_FILE
 from branchdrive.errors import UsageError
 from branchdrive.formats.bucket import Bucket
+from branchdrive.formats.descriptor_file import read_descriptor, render_descriptor
 from branchdrive.formats.folder import Folder
+from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.formats.upload import CLAIM_FILE, claim_for
+from branchdrive.testing.media import media_document
 from branchdrive.writer.shard_upload import ShardUpload
 from branchdrive.writer.writer import DatasetWriter
 
 URL = "s3://bucket/drives"
 FIRST = "drives/raw/shard-00000/"
+MEDIA = ("media.tar", "frames.parquet")
 
 
 @pytest.fixture
@@ -63,6 +68,38 @@ def test_a_run_that_was_cut_off_goes_on(server: BucketServer, tmp_path: Path) ->
     again = ShardUpload.at(Folder(root), URL)
     again.send_shards()
     assert again.finish().num_sent == 0
+
+
+def add_media(root: Path, *, is_waiting: bool) -> dict[str, str]:
+    """Let a shard have media, in their places beside a descriptor of them or where they wait; their places by path."""
+    folder = ".staging/render" if is_waiting else FIRST.removeprefix("drives/").rstrip("/")
+    (root / folder).mkdir(parents=True, exist_ok=True)
+    for name in MEDIA:
+        (root / folder / name).write_bytes(name.encode())
+    return {f"{FIRST.removeprefix('drives/')}{name}": f"{folder}/{name}" for name in MEDIA}
+
+
+def test_media_go_up_from_where_they_wait_under_the_same_claim(server: BucketServer, tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    write_dataset(root, 2)
+    bare = read_descriptor(Folder(root))
+    waiting = add_media(root, is_waiting=True)
+    upload = ShardUpload.at(Folder(root), URL, waiting)
+    upload.send_shards(waiting)
+    assert f"{FIRST}controls.parquet" in server.objects, "its manifest is not the last one"
+    assert {name: server.objects[f"{FIRST}{name}"] for name in MEDIA} == {name: name.encode() for name in MEDIA}
+    with pytest.raises(UsageError, match=rf"holds '{FIRST.removeprefix('drives/')}frames.parquet', which .* has not"):
+        ShardUpload.at(Folder(root), URL)
+    shutil.rmtree(root / ".staging")
+    add_media(root, is_waiting=False)
+    document = media_document(bare.model_dump(mode="json"))
+    Folder(root).replace("branchdrive.json", render_descriptor(Descriptor.model_validate(document)))
+    write_manifest(Folder(root), build_manifest(Folder(root)))
+    again = ShardUpload.at(Folder(root), URL, {})
+    again.send_shards()
+    again.finish()
+    assert {key.removeprefix("drives/"): content for key, content in server.objects.items()} == files_of(root)
+    assert {key for key, count in server.written.items() if count > 1} == {f"drives/{CLAIM_FILE}"}
 
 
 def test_another_writer_is_told(server: BucketServer, tmp_path: Path) -> None:

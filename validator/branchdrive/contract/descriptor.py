@@ -287,6 +287,12 @@ class Descriptor(Document):
         return tuple(name for name in TABLES if name in claimed)
 
     @property
+    def without_media(self) -> Descriptor:
+        """The same before any media were made: without cameras, and the streams that need some."""
+        streams = tuple(name for name in self.streams if not STREAMS[name].cameras)
+        return self.model_copy(update={"cameras": (), "streams": streams})
+
+    @property
     def cameras_by_name(self) -> dict[str, Camera]:
         """Cameras by their names."""
         return {camera.name: camera for camera in self.cameras}

@@ -134,20 +134,28 @@ def _waiting(dataset: Store, target: Bucket, manifest: Manifest) -> list[str]:
     return waiting
 
 
-def send_file(dataset: Store, target: Bucket, path: str, digest: str) -> None:
+def send_file(dataset: Store, target: Bucket, path: str, digest: str, *, place: str | None = None) -> None:
     """Upload one file, whose bytes are those of its digest, below a prefix that is claimed.
+
+    Args:
+        dataset: The dataset.
+        target: The prefix.
+        path: Path of the file in the dataset.
+        digest: SHA-256 of its bytes.
+        place: Path of where it waits in the dataset's folder, unless it is in its own place.
 
     Raises:
         DatasetError: They are not.
         PlatformError: The store refuses or fails.
     """
-    found = dataset.status(path)
+    place = place or path
+    found = dataset.status(place)
     if found is not None and found.size > WHOLE_BYTES:
-        pieces = _Pieces(dataset, path)
+        pieces = _Pieces(dataset, place)
         if not target.put_parts(path, pieces, lambda: pieces.digest == digest):
             raise _changed(dataset, path)
         return
-    content = dataset.read(path, WHOLE_BYTES)
+    content = dataset.read(place, WHOLE_BYTES)
     if hashlib.sha256(content).hexdigest() != digest:
         raise _changed(dataset, path)
     target.put_new(path, content)  # what is there in the meantime was sent under the same claim
