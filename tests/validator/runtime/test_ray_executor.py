@@ -12,6 +12,7 @@ from contextlib import suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from benchmarks.memory import process_tree
@@ -26,11 +27,12 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.engine.cached_task import CachedTask
 from branchdrive.engine.shard import ShardTask, audit_shard
 from branchdrive.engine.spool import Spool
+from branchdrive.errors import PlatformError
 from branchdrive.formats.folder import Folder
 from branchdrive.formats.pack import pack_dataset
 from branchdrive.formats.place import open_store
 from branchdrive.formats.private_folder import PrivateFolder
-from branchdrive.runtime.ray_executor import _places
+from branchdrive.runtime.ray_executor import _connect, _places
 
 
 @pytest.fixture(scope="module")
@@ -166,6 +168,21 @@ def test_without_ray_the_command_says_how_to_install_it(valid_root: Path, monkey
     stderr = StringIO()
     assert run(["validate", str(valid_root), "--executor", "ray"], StringIO(), stderr) == 4
     assert "pip install" in stderr.getvalue() and "ray" in stderr.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (Exception("The current node timed out.\nMore."), "The current node timed out."),
+        (TimeoutError(), "TimeoutError"),
+    ],
+)
+def test_a_ray_that_does_not_start_is_a_fault_of_the_machine(error: Exception, reason: str) -> None:
+    ray = Mock()
+    ray.is_initialized.return_value = False
+    ray.init.side_effect = error
+    with pytest.raises(PlatformError, match=f"^there is no Ray on this machine: {reason}$"):
+        _connect(ray, None, 1)
 
 
 def test_folders_of_datasets_and_spools_are_found_in_tasks(valid_root: Path, tmp_path: Path) -> None:

@@ -110,9 +110,10 @@ def _connect(ray: Any, address: str | None, jobs: int | None) -> None:
                 logging_level="ERROR",
                 log_to_driver=False,
             )
-        except (ConnectionError, RuntimeError, ValueError) as error:
+        except Exception as error:  # Ray raises plain ones, too, when a node does not start in time
             where = f"at {address}" if address else "on this machine"
-            raise PlatformError(f"there is no Ray {where}: {str(error).splitlines()[0]}") from error
+            reason = next(iter(str(error).splitlines()), type(error).__name__)
+            raise PlatformError(f"there is no Ray {where}: {reason}") from error
 
 
 @contextmanager
