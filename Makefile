@@ -88,7 +88,8 @@ compat: setup
 ray: setup
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[ray]"
 	$(BIN)/pytest -q tests/validator/runtime/test_ray_executor.py tests/repo/test_operators_page.py \
-		tests/reference_impl/collect/test_on_ray.py tests/reference_impl/benchmark/test_on_ray.py
+		tests/reference_impl/collect/test_on_ray.py tests/reference_impl/rendering/test_on_ray.py \
+		tests/reference_impl/benchmark/test_on_ray.py
 
 ## the part of compat that continuous integration runs
 compat-quick: setup
