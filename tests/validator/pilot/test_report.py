@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.synthetic import base_tables
 from tests.validator.engine import datasets
+from tests.validator.engine.rules.case import BRAKE
 
 from branchdrive.cli.main import run
 from branchdrive.contract.document import schema_mismatches
@@ -65,6 +68,18 @@ def test_figures_are_of_the_pilot(report: PilotReport) -> None:
     assert figures["physics"]["figures"]["speed"]["median"] == pytest.approx(1, abs=0.01)
     assert abs(figures["response"]["onset_s"]) < 0.05
     assert figures["conformance"]["verdict"] == "valid"
+
+
+def test_a_unit_that_some_attempts_have_wrong_is_told(tmp_path: Path, quick: None) -> None:
+    first = datasets.row_of("observations", BRAKE, 0), datasets.row_of("observations", BRAKE, 41)
+    speeds = base_tables()[datasets.FOLDER]["observations"]["speed_mps"].to_pylist()
+    faster = datasets.cells("observations", "speed_mps", {row: 3.6 * speeds[row] for row in range(*first)})
+    code, out, _ = command(datasets.write(tmp_path / "dataset", faster), "--format", "json")
+    assert code == 1
+    (physics,) = (section for section in json.loads(out)["sections"] if section["name"] == "physics")
+    (concern,) = physics["concerns"]
+    assert concern["what"].startswith("Not all attempts hold what figures of the whole pilot do: ")
+    assert re.search(r"BD-MOT-006 \(1 of \d+\)", concern["what"])
 
 
 def test_what_a_pilot_holds_is_counted_once(pilot: Pilot) -> None:

@@ -218,6 +218,9 @@ def _is_working_file(name: str) -> bool:
     return name.startswith(tuple(TABLE_FILES)) or name.endswith((".tmp", ".part", ".partial"))
 
 
+_NO_PLACE = ("none", "none, though the manifest lists it")
+
+
 @rule("BD-LAY-009")
 def files_have_a_place(survey: Survey) -> Iterator[Check]:
     """The root holds descriptor, manifest and claimed layers; shards hold tables of claimed streams and media.
@@ -226,15 +229,14 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
     """
     _require_whole(survey)
     plain = [e for e in survey.entries if e.kind in ("file", "folder") and unsafe_reason(e.path) is None]
-    found = [Mismatch({"file": e.path}, "a place in the layout", "none") for e in plain if not _has_place(e)]
+    listed = survey.manifest.files if survey.manifest else {}
+    lost = [(e.path, e.path in listed) for e in plain if not _has_place(e)]
+    found = [Mismatch({"file": path}, "a place in the layout", _NO_PLACE[is_listed]) for path, is_listed in lost]
     layers = (RAW_DIR, *LAYERS) if survey.descriptor is None else survey.descriptor.layers
     tables = tuple(TABLES) if survey.descriptor is None else survey.descriptor.tables
     unclaimed = {RAW_DIR, *LAYERS} - set(layers)
-    found += [
-        Mismatch({"file": e.path}, "a file of a claimed layer", "a file that no claim covers")
-        for e in plain
-        if e.path in unclaimed
-    ]
+    beyond = "a file that no claim covers"
+    found += [Mismatch({"file": e.path}, "a file of a claimed layer", beyond) for e in plain if e.path in unclaimed]
     has_media = "frames" in tables
     code = {path: kind for shard in survey.shards for path, kind in shard.stored_code.items()}
     claimed = {TABLES[name].file_name for name in tables}
@@ -246,7 +248,7 @@ def files_have_a_place(survey: Survey) -> Iterator[Check]:
                     Mismatch({"file": entry.path}, "tables of claimed streams", "a table that no claim covers")
                 )
             elif name not in TABLE_FILES and not has_media and _has_place(entry):
-                found.append(Mismatch({"file": entry.path}, "tables of claimed streams", "a file that no claim covers"))
+                found.append(Mismatch({"file": entry.path}, "tables of claimed streams", beyond))
             elif name not in TABLE_FILES and _has_place(entry) and _is_working_file(name):
                 found.append(Mismatch({"file": entry.path}, "tables and media", "a working file of a writer"))
             elif entry.path in code and _has_place(entry):

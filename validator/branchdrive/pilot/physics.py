@@ -91,6 +91,8 @@ def physics(pilot: Pilot) -> Section:
     sizes = extents(views)
     periods = _command_period(views)
     facts = [*(() if motion else _lever_facts(figures["lever"])), *sign_facts]
+    if not (motion or sign_concerns or sizes.concerns):
+        concerns += _in_part(pilot)
     if periods > 1:
         concerns.append(
             Concern(
@@ -129,6 +131,21 @@ def physics(pilot: Pilot) -> Section:
         },
         explains=_explained(has_motion=bool(motion), has_signs=bool(sign_concerns), has_sizes=bool(sizes.concerns)),
     )
+
+
+def _in_part(pilot: Pilot) -> Iterator[Concern]:
+    """What rules find in some attempts alone, so that no figure of the pilot is wrong in nearly all of them."""
+    failing = [
+        t for t in pilot.report.tallies if t.num_findings and t.rule_id.startswith(("BD-MOT", "BD-ACT", "BD-BOX"))
+    ]
+    if failing:
+        found = ", ".join(f"{tally.rule_id} ({tally.num_findings:,} of {tally.examined:,})" for tally in failing)
+        yield Concern(
+            f"Not all attempts hold what figures of the whole pilot do: {found}.",
+            "Look at the findings of these rules, and for what their attempts have in common: a shard, a drive, a "
+            "scenario type. Part of the pilot may have been recorded or exported otherwise than the rest.",
+            is_problem=False,
+        )
 
 
 def _explained(*, has_motion: bool, has_signs: bool, has_sizes: bool) -> set[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
@@ -15,6 +16,26 @@ from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, SHARD_0, S
 from branchdrive.contract.columns import TICK_TABLES
 
 END = BRANCH_TICK + WINDOW_TICKS
+
+
+@pytest.mark.parametrize(("step", "said"), [(1, "after: theirs are late"), (-1, "before: theirs are early"), (2, None)])
+def test_poses_of_actors_of_another_observation_are_told(step: int, said: str | None, tmp_path: Path) -> None:
+    def moved(rows: pa.Table) -> pa.Table:
+        of_attempt = pc.equal(rows["rollout_id"], STEER_LEFT).to_numpy()
+        for column in ("x_m", "y_m", "yaw_rad"):
+            values = rows[column].to_numpy().copy()
+            for actor in np.unique(rows["actor_id"].to_numpy()[of_attempt]):
+                track = np.flatnonzero(of_attempt & (rows["actor_id"].to_numpy() == actor))
+                values[track] = values[track[np.clip(np.arange(len(track)) - step, 0, len(track) - 1)]]
+            place = rows.schema.get_field_index(column)
+            rows = rows.set_column(place, rows.schema.field(place), pa.array(values, rows.schema.field(place).type))
+        return rows
+
+    draft = new_draft()
+    draft.map_table("actors", moved, folder=SHARD_0)
+    report = validate_once(draft.write(tmp_path / "dataset"))
+    (found,) = [finding.found for finding in report.findings if finding.rule == "BD-EVD-001"]
+    assert found.partition(", as by the poses that actors have in the observation ")[2] == (said or "")
 
 
 def failed(draft: Draft, tmp_path: Path) -> dict[str, int]:

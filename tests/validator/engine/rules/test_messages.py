@@ -20,10 +20,14 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-LAY-006", "link_in_place_of_a_table", "a regular file or folder", "a symbolic link"),
         ("BD-LAY-006", "pipe_in_place_of_a_table", "a regular file or folder", "a special file"),
         ("BD-LAY-007", "path_too_long", "a path within the limits", "is longer than 240 bytes"),
+        (
+            "BD-LAY-009", "companion_that_the_manifest_lists",
+            "a place in the layout", "none, though the manifest lists it",
+        ),
         ("BD-DOC-002", "version_of_the_future", "'0.1'", "'0.2'"),
         ("BD-TAB-003", "another_unit", "unit 'm'", "'cm'"),
         ("BD-VAL-002", "throttle_in_percent", "0 .. 1", "30.0"),
-        ("BD-VAL-002", "yaw_in_degrees", "-3.14159 .. 3.14159 rad", "90.0"),
+        ("BD-VAL-002", "yaw_in_degrees", "-3.14159 .. 3.14159 rad", "90.0, as what is in degrees"),
         ("BD-VAL-003", "unknown_source", "one of ['online_expert', 'intervention']", "'autopilot'"),
         (
             "BD-VAL-005", "route_with_fewer_x_than_y",

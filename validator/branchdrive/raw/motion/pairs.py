@@ -93,6 +93,7 @@ class _Actors(NamedTuple):
 
 
 _ACTOR_COLUMNS = (*Boxes._fields, "vel_x_mps", "vel_y_mps")
+_POSE = ("x_m", "y_m", "yaw_rad")
 
 
 def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
@@ -190,9 +191,25 @@ def deciding_pairs(view: ShardView) -> PairRisk:
     return _pairs(view, _actors_within_limits(view))
 
 
-def pairs_of_frame(view: ShardView, frame: int) -> PairRisk:
-    """All pairs of one observation, which becomes frame 0."""
-    pairs = pairs_of_rows(view, np.flatnonzero(view.observations.rows_of(view.stream("actors")) == frame))
+def pairs_of_frame(view: ShardView, frame: int, poses_of: int | None = None) -> PairRisk:
+    """All pairs of one observation, which becomes frame 0.
+
+    Args:
+        view: The shard.
+        frame: The observation.
+        poses_of: Another observation, which actors have their poses of; those that it lacks are in no pair.
+    """
+    stream = view.stream("actors")
+    owner = view.observations.rows_of(stream)
+    rows = np.flatnonzero(owner == frame)
+    if poses_of is None:
+        pairs = pairs_of_rows(view, rows)
+    else:
+        there = np.flatnonzero(owner == poses_of)
+        _, here, there_of = np.intersect1d(stream["actor_id"][rows], stream["actor_id"][there], return_indices=True)
+        rows, posed = rows[here], there[there_of]
+        columns = [stream[name][posed if name in _POSE else rows] for name in _ACTOR_COLUMNS]
+        pairs = _pairs(view, _actors(rows, columns))
     return replace(pairs, frame=np.zeros(len(pairs.frame), np.int64))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
+from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.risk import CUTOFF_SLACK, frame_risk, least_of_frame, risk_candidates
 from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.pairs import deciding_pairs, pairs_of_frame
@@ -28,6 +29,9 @@ _MINIMA = {
     "nearest_pedestrian": "nearest_pedestrian_gap_m",
 }  # fmt: skip
 """Minima over the pairs of an observation, and the column of each."""
+
+_LEAST_COMPARED, _MOST_COMPARED = 3, 4
+"""Observations of an attempt that tell whether poses of its actors come late."""
 
 
 def _close(recorded: Array, computed: Array, tolerance: float) -> Mask:
@@ -86,10 +90,14 @@ def _recomputes(view: ShardView, subjects: Mask, name: str) -> Check:
     def describe(i: int) -> Mismatch:
         row = int(summary.first_row[i])
         computed = frame_risk(pairs_of_frame(view, int(frame[row])), 1)[name]
-        expected = text(bool(np.isfinite(computed.value[0])), computed.value[0])
-        found = text(bool(evidence[f"{name}_available"][row]), evidence[column][row])
-        if f"{name}_actor_id" in evidence and expected == found:
-            expected, found = f"actor {computed.actor_id[0]}", f"actor {evidence[f'{name}_actor_id'][row]}"
+        is_near, is_there = bool(np.isfinite(computed.value[0])), bool(evidence[f"{name}_available"][row])
+        expected, found = text(is_near, computed.value[0]), text(is_there, evidence[column][row])
+        recorded, actor = evidence[column][row : row + 1].astype(np.float64), f"{name}_actor_id"
+        fits = is_near and is_there and _close(recorded, computed.value, view.descriptor.tolerances.evidence)[0]
+        if fits and actor in evidence:
+            expected, found = f"actor {computed.actor_id[0]}", f"actor {evidence[actor][row]}"
+        elif name == "separation":
+            found += _delay(view, np.flatnonzero(view.cached(_unsound)[name] & (evidence.rollout == i)))
         return Mismatch(
             {"table": "evidence", "column": column, "tick": int(evidence.tick[row])},
             expected,
@@ -99,6 +107,30 @@ def _recomputes(view: ShardView, subjects: Mask, name: str) -> Check:
 
     subjects = subjects & evidence.by_rollout(frame >= 0).any
     return Check.of_subjects(subjects, subjects & summary.any, describe)
+
+
+def _delay(view: ShardView, rows: NDArray[np.intp]) -> str:
+    """What is said of an attempt whose separations are those of the poses that actors have an observation apart.
+
+    Args:
+        view: The shard.
+        rows: Rows of its evidence at which the separation is not that of the recorded boxes.
+    """
+    evidence, observations = view.stream("evidence"), view.observations
+    rows = rows[evidence["separation_available"][rows].astype(bool)]
+    frame = observations.rows_of(evidence)[rows]
+    for step, text in ((1, "after: theirs are late"), (-1, "before: theirs are early")):
+        other = np.clip(frame + step, 0, len(observations) - 1)
+        apart = observations.tick[other] - observations.tick[frame] == step * OBSERVATION_STRIDE_TICKS
+        some = np.flatnonzero(apart & (observations.rollout[other] == observations.rollout[frame]))[:_MOST_COMPARED]
+        if len(some) < _LEAST_COMPARED:
+            continue
+        pairs = [pairs_of_frame(view, int(frame[k]), int(other[k])) for k in some]
+        found = np.array([frame_risk(of_frame, 1)["separation"].value[0] for of_frame in pairs])
+        fits = _close(evidence["separation_m"][rows[some]], found, view.descriptor.tolerances.evidence)
+        if (fits & np.isfinite(found)).all():
+            return f", as by the poses that actors have in the observation {text}"
+    return ""
 
 
 @rule("BD-EVD-001")
