@@ -3,6 +3,10 @@ with apart as (
     select run, count(*) as contacts from (
         select run, tick - lag(tick) over (partition by run order by tick) as since from moment where collision
     ) where since is null or since >= 30 group by run
+), within_reach as (  -- actors that a contact may be with: then, or at the observation before
+    select distinct e.run, e.tick, g.actor_id, if(g.actor_class = 'cycle', 'vehicle', g.actor_class) as kind
+    from moment e join gap g on g.run = e.run and g.tick in (e.tick, e.tick - 5)
+    where e.collision and g.gap <= least($contact_reach_m, $edge_m + sqrt(g.vel_x * g.vel_x + g.vel_y * g.vel_y) / 4)
 ), near as (
     select run, count(*) filter (kind = 'vehicle') as vehicles, count(*) filter (kind = 'pedestrian') as pedestrians
     from within_reach group by run

@@ -19,15 +19,6 @@ select run, rollout_id, group_id, result_num_off_road_infractions as off_road, r
     $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'stop_sign') as no_sign
 from attempt a left join seen using (run) left join observed using (run);
 
-create or replace temp table within_reach as  -- actors that a contact may be with: then, or at the observation before
-select distinct e.run, e.tick, c.actor_id, if(c.actor_class = 'cycle', 'vehicle', c.actor_class) as kind
-from moment e join attempt a using (run)
-join observations o on o.run = e.run and o.tick in (e.tick, e.tick - 5)
-join actors c on c.run = o.run and c.tick = o.tick
-where e.collision and sqrt(pow(c.x_m - o.x_m, 2) + pow(c.y_m - o.y_m, 2)) <= $contact_reach_m
-    + (sqrt(pow(c.length_m::double, 2) + pow(c.width_m::double, 2))
-        + sqrt(pow(a.ego_length_m::double, 2) + pow(a.ego_width_m::double, 2))) / 2;
-
 create or replace temp table passed as
 select run, rollout_id, group_id, red from infraction
 where lights and run in (

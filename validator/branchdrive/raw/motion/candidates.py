@@ -32,6 +32,9 @@ _OFFSETS = (0, *FUTURE_OFFSETS)
 MAX_ROLLING_BRAKE = 0.4
 """Mean brake up to which wheels roll on any dry road: harder ones may lock them, and hold less than softer ones."""
 
+LOCKED_SHARE = 0.75
+"""Share of the hold of a wheel that rolls which it keeps, at least, where it locks: tyres on a dry or a wet road."""
+
 MAX_STEERING = 0.2
 """Difference of steering up to which tyres that scrub take no way worth naming."""
 
@@ -72,6 +75,7 @@ class _Candidates(NamedTuple):
         way_m: Way from ``t_b`` on, less that of the speed at ``t_b`` ``[candidates, 11]``.
         speed_mps: That speed.
         num_free: Observations behind ``t_b`` up to which no contact keeps motion from being judged.
+        num_driven: Observations behind ``t_b`` up to which it drives, faster than 0.5 m/s forwards at each.
     """
 
     group: Index
@@ -83,6 +87,7 @@ class _Candidates(NamedTuple):
     way_m: Array
     speed_mps: Array
     num_free: Index
+    num_driven: Index
 
 
 def _candidates(view: ShardView, selection: Selection) -> _Candidates:
@@ -105,6 +110,7 @@ def _candidates(view: ShardView, selection: Selection) -> _Candidates:
     values = (
         group, attempt, steer, throttle - brake, cos * east + sin * north, cos * north - sin * east,
         way - speed[:, :1] * TICK_S * np.asarray(_OFFSETS), speed[:, 0], num_free,
+        np.logical_and.accumulate(speed > _FASTER_MPS, axis=1).sum(axis=1) - 1,
     )  # fmt: skip
     return _Candidates(*(value[kept] for value in values))
 
@@ -181,14 +187,19 @@ def steers_contrary(view: ShardView, selection: Selection) -> Contrary:
 
 @np.errstate(all="ignore")
 def drives_contrary(view: ShardView, selection: Selection) -> Contrary:
-    """Candidates that come less far than others though they drive more, at no tick less, and steer much alike."""
+    """Candidates that come less far than others though they drive more, at no tick less, and steer much alike.
+
+    Of two that brake harder than wheels surely roll, the harder brake holds its share, for as long as both drive.
+    """
     every, found = _candidates(view, selection), []
     drive, steer = _totals(every.drive), _totals(every.steer)
     for more, less, last, apart, never_less in _pairs(every, every.drive):
         tells = never_less & (apart >= MIN_BRAKING) & (np.abs(_mean_apart(steer, more, less, last)) < MAX_STEERING)
         ticks = last * OBSERVATION_STRIDE_TICKS
-        tells &= drive[more, ticks] >= -MAX_ROLLING_BRAKE * ticks
         tells &= np.minimum(every.speed_mps[more], every.speed_mps[less]) > _FASTER_MPS
-        order_m = every.way_m[more, last] - every.way_m[less, last]
+        may_lock = drive[more, ticks] < -MAX_ROLLING_BRAKE * ticks
+        both_drive = np.minimum(every.num_driven[more], every.num_driven[less])
+        at = np.where(may_lock, np.minimum(last, both_drive), last)
+        order_m = np.where(may_lock, LOCKED_SHARE, 1.0) * every.way_m[more, at] - every.way_m[less, at]
         found.append((more[tells], less[tells], order_m[tells]))
     return _contrary(view, every, found, CLEAR_WAY_M)

@@ -8,14 +8,18 @@ Source: spec/05-raw-streams.md#contacts, #results.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.raw.motion.residual import follows
+from branchdrive.driving.box import Boxes, box_gap
+from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.tables.view import TableView
 
 __all__ = [
     "COLLISION_COUNTS", "actors_within_reach", "bodies_within", "is_covered", "is_free", "knows_contacts",
@@ -25,6 +29,7 @@ __all__ = [
 COLLISION_COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
 """Columns of the rollouts table that count collisions."""
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _IDS = 1 << 31
@@ -90,8 +95,33 @@ def bodies_within(view: ShardView, moments: Index, reach_m: float) -> tuple[Inde
     return place[is_near], row[is_near]
 
 
+@np.errstate(all="ignore")  # what overflows is within no reach
+def _may_touch(view: ShardView, moment: Index, row: Index) -> Mask:
+    """Whether the ego and an actor are within the way of a quarter second at the speed of the one against the other.
+
+    Args:
+        view: The shard.
+        moment: Row of the observation of each pair.
+        row: Row of the actor.
+    """
+    observations, actors, rollouts, bounds = view.observations, view.stream("actors"), view.rollouts, physical_bounds()
+
+    def values(table: TableView, rows: Index, *columns: str) -> Iterator[Array]:
+        return (table[name][rows].astype(np.float64) for name in columns)
+
+    place, extents = ("x_m", "y_m", "yaw_rad"), ("length_m", "width_m")
+    attempt = observations.rollout[moment]
+    ego = Boxes(*values(observations, moment, *place), *values(rollouts, attempt, *(f"ego_{name}" for name in extents)))
+    actor = Boxes(*values(actors, row, *place, *extents))
+    (speed,) = values(observations, moment, "speed_mps")
+    east, north = values(actors, row, "vel_x_mps", "vel_y_mps")
+    relative = np.hypot(east - speed * np.cos(ego.yaw_rad), north - speed * np.sin(ego.yaw_rad))
+    reach_m = np.minimum(bounds.contact_reach_m, bounds.edge_m + relative * OBSERVATION_S)
+    return np.asarray(box_gap(ego, actor).gap_m <= reach_m)
+
+
 def actors_within_reach(view: ShardView, frames: Index) -> dict[str, Index]:
-    """Vehicles and cycles, and pedestrians, within reach at observations or the ones before: pairs, by attempt.
+    """Vehicles and cycles, and pedestrians, that can be touched at observations or the ones before: pairs, by attempt.
 
     Args:
         view: The shard.
@@ -101,6 +131,8 @@ def actors_within_reach(view: ShardView, frames: Index) -> dict[str, Index]:
     before = frames[follows(observations)[frames]] - 1
     moments = np.concatenate([frames, before])
     place, row = bodies_within(view, moments, physical_bounds().contact_reach_m)
+    touchable = _may_touch(view, moments[place], row)
+    place, row = place[touchable], row[touchable]
     contact = np.append(frames, before + 1)[place]  # the observation that an actor may explain
     found = {}
     codes, names = actors.categories("actor_class")

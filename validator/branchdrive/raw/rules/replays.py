@@ -45,6 +45,9 @@ class Difference(NamedTuple):
     of_nominal: int
 
 
+EXPERT = ("expert_steer", "expert_throttle", "expert_brake")
+"""Columns of the controls that follow from the state before them, whatever is applied."""
+
 EQUAL = Difference("", "", -1, -1)
 
 
@@ -158,16 +161,33 @@ def _sortable(stream: StreamView, column: str) -> NDArray[np.generic]:
     return stream.categories(column)[0] if stream.is_text(column) else stream[column]
 
 
+def _expert_differences(view: ShardView, attempts: NDArray[np.int64]) -> dict[int, Mismatch]:
+    """Commands of the expert at the branch that are not the nominal's, whose state is the same there, by attempt."""
+    controls = view.stream("controls")
+    ticks = view.branch_tick[attempts]
+    own, expected = (controls.find(rollouts, ticks) for rollouts in (attempts, view.nominal[attempts]))
+    both = (own >= 0) & (expected >= 0)
+    found: dict[int, Mismatch] = {}
+    for column in EXPERT:
+        values = controls[column]
+        for attempt, row, of_nominal in zip(attempts[both].tolist(), own[both], expected[both], strict=True):
+            if values[row] != values[of_nominal]:
+                location: Location = {"table": "controls", "column": column, "tick": int(controls.tick[row])}
+                wanted = f"{quote(values[of_nominal])} as in the nominal"
+                found.setdefault(attempt, Mismatch(location, wanted, quote(values[row])))
+    return found
+
+
 @rule("BD-RPN-003")
 def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Where replays are declared to be exact, an intervention holds the values of its nominal before the branch."""
+    """Where replays are exact, an intervention holds its nominal's values before the branch, and its expert at it."""
     judged = complete_interventions(view, subjects)
     if view.descriptor.collection.replay_noise.kind != "exact":
         judged[:] = False
     attempts, copies = np.flatnonzero(judged), view.cached(Copies)
     equal = [copies.hold_histories(table, attempts) for table in HISTORIES if table in view]
     found = {i: _history_difference(view, i) for i in attempts[~np.logical_and.reduce(equal)].tolist()}
-    differences = {i: mismatch for i, mismatch in found.items() if mismatch is not None}
+    differences = _expert_differences(view, attempts) | {i: known for i, known in found.items() if known is not None}
     differing = np.zeros(view.num_rollouts, bool)
     differing[[*differences]] = True
     yield Check.of_subjects(judged, differing, differences.__getitem__)

@@ -134,7 +134,7 @@ _FREE_OBSERVATIONS = 6
 
 @rule("BD-RES-005")
 def collisions_are_as_many_as_contacts(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """No kind is hit more often than actors of it are near at a contact, and each contact is counted."""
+    """No kind is hit more often than actors of it can be touched at a contact, and each contact is counted."""
     evidence, rollouts = view.stream("evidence"), view.rollouts
     subjects = subjects & view.cached(is_covered)
     rows = np.flatnonzero(evidence["collision"].astype(bool) & np.append(subjects, False)[evidence.rollout])
@@ -160,7 +160,7 @@ def collisions_are_as_many_as_contacts(view: ShardView, subjects: Mask) -> Itera
             )
         kind = next(kind for kind in more if more[kind][i])
         column = f"result_num_{kind}_collisions"
-        expected = f"at most {near[kind][i]}, as so many are within {physical_bounds().contact_reach_m:g} m at contacts"
+        expected = f"at most {near[kind][i]}, as so many are near enough at contacts for their speed against the ego"
         return Mismatch({"table": "rollouts", "column": column}, expected, f"{counts[column][i]}")
 
     yield Check.of_subjects(subjects, subjects & np.logical_or.reduce([fewer, *more.values()]), describe)

@@ -16,6 +16,7 @@ from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import FUTURE_OFFSETS, PREDECESSOR_OFFSET
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.driving.route import RoutePosition, project
+from branchdrive.raw.motion.commanded_turns import commanded_turns
 from branchdrive.raw.motion.route_state import (
     contradicts_route,
     has_judged_rows,
@@ -112,6 +113,31 @@ def target_points_follow_from_progress(view: ShardView, subjects: Mask) -> Itera
         return expected, f"{target[1]:.3f} m"
 
     yield _of_observations(view, subjects & order.compared, marked, "target_point_1_x_m", text)
+
+
+MIN_AWAY_RAD, MAX_NAMED_RAD = np.deg2rad(45.0), np.deg2rad(15.0)
+"""How far a route turns that was not commanded, and how far one that was: forks and bends lie between them."""
+
+
+@rule("BD-RTE-005")
+def commands_are_those_of_the_route(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """Where the navigation commands left, the route does not turn right, and nowhere near to the left; or reverse."""
+    observations, turns = view.observations, view.cached(commanded_turns)
+    is_wrong = (turns.away_rad >= MIN_AWAY_RAD) & (turns.named_rad < MAX_NAMED_RAD)
+    commanded, contradicts = (np.zeros(len(observations), bool) for _ in range(2))
+    commanded[turns.first], contradicts[turns.first[is_wrong]] = True, True
+    away_rad = dict(zip(turns.first.tolist(), turns.away_rad.tolist(), strict=True))
+    other = {"left": "right", "right": "left"}
+
+    def text(row: int) -> tuple[str, str]:
+        side = str(observations["command"][row])
+        return (
+            f"a route that turns {side}, as commanded",
+            f"{np.rad2deg(away_rad[row]):.0f} degrees to the {other[side]}",
+        )
+
+    subjects = subjects & observations.by_rollout(commanded).any
+    yield _of_observations(view, subjects, contradicts, "command", text)
 
 
 @rule("BD-RTE-003")

@@ -140,10 +140,46 @@ def outcomes_of_driving_and_braking_exchanged(d: Draft) -> None:
     _exchange_driving(d, "accelerate_0.80", "brake_0.30", "g0")
 
 
-@boundary("BD-GRP-011", base="bare")
+@mutant("BD-GRP-011", base="bare", at={"group_id": "g1"})
 def outcomes_of_hard_braking_exchanged(d: Draft) -> None:
-    """Wheels that lock hold less than those that roll."""
+    """Wheels that lock hold less than those that roll, but not half of it."""
     _exchange_driving(d, "brake_0.50", "brake_1.00")
+
+
+def _hold_a_share(d: Draft, share: float) -> None:
+    """Let the harder of two brakes lose this share of the way and the speed that the softer one loses."""
+    d.set("rollouts", COUNTS, None, group_id="g1")
+    harder, softer = "g1.brake_1.00.a1", "g1.brake_0.50.a1"
+    begin = next(row for row in d.take("observations", rollout_id=softer).to_pylist() if row["tick"] == BRANCH_TICK)
+    for row in d.take("observations", rollout_id=softer).to_pylist():
+        if row["tick"] <= BRANCH_TICK:
+            continue
+        way_m = begin["speed_mps"] * 0.05 * (row["tick"] - BRANCH_TICK)
+        ahead = {"x_m": way_m * np.cos(begin["yaw_rad"]), "y_m": way_m * np.sin(begin["yaw_rad"]), "speed_mps": 0.0}
+        kept = {name: (1 - share) * (begin[name] + more) + share * row[name] for name, more in ahead.items()}
+        kept["accel_longitudinal_mps2"] = share * row["accel_longitudinal_mps2"]
+        for name, value in kept.items():
+            d.set("observations", name, value, rollout_id=harder, tick=row["tick"])
+    d.reroute(harder)
+
+
+@mutant("BD-GRP-011", base="bare", at={"group_id": "g1"})
+def harder_brake_that_holds_little_more_than_half(d: Draft) -> None:
+    _hold_a_share(d, 0.6)
+
+
+@boundary("BD-GRP-011", base="bare")
+def harder_brake_that_holds_four_fifths(d: Draft) -> None:
+    """Its wheels may have locked."""
+    _hold_a_share(d, 0.8)
+
+
+@boundary("BD-GRP-011", base="bare")
+def outcomes_of_hard_braking_of_a_vehicle_that_stands_at_once(d: Draft) -> None:
+    """Both have lost all that they had."""
+    _exchange_driving(d, "brake_0.50", "brake_1.00")
+    attempts = d.take("rollouts", group_id="g1")["rollout_id"].to_pylist()
+    d.set("observations", "speed_mps", 0.5, rollout_id=attempts, tick=BRANCH_TICK + 5)
 
 
 @boundary("BD-GRP-011", base="bare")

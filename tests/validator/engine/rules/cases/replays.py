@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from tests.scenes import SCENES
 from tests.synthetic import BRANCH_TICK, make_group
-from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, NOMINAL, REPLAY, STEER_LEFT, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.contract.columns import TICK_TABLES
@@ -140,6 +140,13 @@ def one_light_before_the_branch_tells_the_action(d: Draft) -> None:
 def minus_zero_before_the_branch(d: Draft) -> None:
     repeat_exactly(d)
     d.set("controls", "expert_brake", -0.0, rollout_id=BRAKE, tick=BRANCH_TICK - 1)
+
+
+@mutant("BD-RPN-003", at={"table": "controls", "column": "expert_steer", "rollout_id": STEER_LEFT, "tick": BRANCH_TICK})
+def expert_that_steers_with_the_other_sign_while_it_is_overridden(d: Draft) -> None:
+    repeat_exactly(d)
+    for tick in range(BRANCH_TICK, BRANCH_TICK + 50):
+        d.set("controls", "expert_steer", lambda steer: -steer, rollout_id=STEER_LEFT, tick=tick)
 
 
 @boundary("BD-RPN-003")

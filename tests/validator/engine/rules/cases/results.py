@@ -121,6 +121,20 @@ def collision_that_is_counted_at_every_tick(d: Draft) -> None:
     d.set("rollouts", COUNTS[0], 15, rollout_id=STEER_LEFT)
 
 
+@mutant("BD-RES-005", at=result_of(COUNTS[0]))
+def thing_that_is_counted_as_the_cycle_behind(d: Draft) -> None:
+    """It is 4.6 m away, and no nearer a quarter second later."""
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=25)
+    d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-005")
+def vehicle_that_is_as_near_and_comes_fast(d: Draft) -> None:
+    """It is 4.2 m away at 10 m/s, and 2.0 m at 11 m/s a quarter second later."""
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=165)
+    d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
+
+
 @boundary("BD-RES-005")
 def contact_again_within_a_second(d: Draft) -> None:
     d.set("evidence", "collision", True, rollout_id=BRAKE, tick=[FREE_TICK, FREE_TICK + 25])
