@@ -81,6 +81,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrong = parser.add_argument_group("noise, each as further drives beside the exact ones")
     wrong.add_argument("--replay-noise", metavar="STRENGTH", type=strength, help="noise of replays, as in a collection")
     wrong.add_argument("--sensor-noise", metavar="STRENGTH", type=strength, help="noise on what selectors see")
+    what.add_argument(
+        "--look-ahead", action="store_true",
+        help="drive the whole bank ahead at every decision too, and tell its regret; it takes about as long as a drive "
+        "for each candidate, decision and selector",
+    )  # fmt: skip
     work = parser.add_argument_group("how to work")
     work.add_argument(
         "--record", action="store_true", help="keep what is driven as a raw dataset too, in the folder `dataset` of DIR"
@@ -141,6 +146,7 @@ def request_of(args: argparse.Namespace) -> Request:
         schedules=tuple(Schedule(args.every, number) for number in numbers),
         conditions=tuple(conditions),
         world=args.world,
+        looks_ahead=args.look_ahead,
         is_recorded=args.record,
         jobs=args.jobs,
     )
