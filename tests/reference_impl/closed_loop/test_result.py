@@ -16,9 +16,10 @@ from branchdrive.statistics.cluster import Clusters
 from branchdrive_reference.closed_loop.arm import Condition, arms_of
 from branchdrive_reference.closed_loop.correlation import correlations
 from branchdrive_reference.closed_loop.course import Schedule
+from branchdrive_reference.closed_loop.figure import draw_orders, drive_figures
 from branchdrive_reference.closed_loop.look_ahead import decision_regrets, look_ahead_results
 from branchdrive_reference.closed_loop.outcome import PENALTIES, driving_score
-from branchdrive_reference.closed_loop.result import _distinct, drive_results
+from branchdrive_reference.closed_loop.result import OFFLINE, _distinct, drive_results
 from branchdrive_reference.closed_loop.selector import Training
 from branchdrive_reference.closed_loop.table import drive_sections
 
@@ -147,6 +148,29 @@ def test_regret_at_every_decision_is_that_of_the_bank_in_its_state() -> None:
     assert found[1]["first"]["value"] == 0 and found[1]["later"]["value"] == 1
     assert [one["num_ranked"] for one in found[1]["by_decision"]] == [2, 2, 0]
     assert found[1]["by_decision"][2]["value"] is None
+
+
+def test_a_figure_has_a_point_for_every_selector_and_schedule() -> None:
+    def arm(name: str, number: int, first: str) -> dict[str, Any]:
+        score = {"value": 0.5 + 0.1 * number, "low": 0.4, "high": 0.8}
+        return {
+            "selector": name, "every_ticks": 50, "num_decisions": number, "condition": "exact",
+            "means": {"score": score}, "first_choices": {first: 3},
+        }  # fmt: skip
+
+    names = {"nominal": "nominal", "brake_0.50": "brake_0.50", "oracle": "brake_0.30", "E-M3": "nominal"}
+    offline = [{"selector": name, **{one: {"value": 0.2} for one in OFFLINE}} for name in names]
+    results = {
+        "arms": [arm(name, number, first) for number in (1, 4) for name, first in names.items()],
+        "offline": {"num_ranked": 3, "selectors": offline}, "num_driven": 3, "profile": "near_range", "warnings": [],
+    }  # fmt: skip
+    figure = draw_orders(results)
+    points = [[line for line in axes.lines if line.get_marker() == "o"] for axes in figure.axes]
+    assert [len(own) for own in points] == [len(names)] * 2 * len(OFFLINE)
+    assert [float(line.get_ydata()[0]) for line in points[-1]] == pytest.approx([0.9] * len(names))
+    assert {*drive_figures(results)} == {"offline.png", "offline.svg"}
+    assert drive_figures(results) == drive_figures(results)
+    assert drive_figures({**results, "offline": None}) == {}
 
 
 def test_selectors_that_choose_the_same_everywhere_are_one_point() -> None:
