@@ -47,7 +47,7 @@ def audit_once(task: ShardTask) -> ShardResult:
     if task.dataset.links is not None or any((task.dataset.root / path).is_symlink() for path in task.files):
         return audit_shard(task)
     claimed = task.descriptor and {**task.descriptor.model_dump(mode="json"), "layers": []}
-    options = sorted(task.selected), task.is_hashed, task.spool is None, task.media
+    options = sorted(task.selected), task.is_hashed, task.spool is None, sorted(task.optional), task.media
     text = repr((task.folder, files, claimed, options, sorted(task.repeated_rollouts), sorted(task.scattered_groups)))
     key = hashlib.sha256(text.encode()).hexdigest()
     if place is not None:

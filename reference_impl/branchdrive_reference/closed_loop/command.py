@@ -16,8 +16,10 @@ from branchdrive.cli.validate import at_least, in_range
 from branchdrive.contract.document import dump_json
 from branchdrive.contract.text import printable
 from branchdrive.exit_code import EXIT_INTERRUPTED
+from branchdrive.formats.durable import replace_file
 from branchdrive.runtime.environment import extra
 from branchdrive.runtime.interrupt import deferred_interrupt, heeded_termination
+from branchdrive_reference.plotting import load_matplotlib
 
 if TYPE_CHECKING:
     from branchdrive_reference.closed_loop.run import Request
@@ -81,10 +83,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrong = parser.add_argument_group("noise, each as further drives beside the exact ones")
     wrong.add_argument("--replay-noise", metavar="STRENGTH", type=strength, help="noise of replays, as in a collection")
     wrong.add_argument("--sensor-noise", metavar="STRENGTH", type=strength, help="noise on what selectors see")
+    what.add_argument(
+        "--look-ahead", action="store_true",
+        help="drive the whole bank ahead at every decision too, and tell its regret; it takes about as long as a drive "
+        "for each candidate, decision and selector",
+    )  # fmt: skip
     work = parser.add_argument_group("how to work")
     work.add_argument(
         "--record", action="store_true", help="keep what is driven as a raw dataset too, in the folder `dataset` of DIR"
     )
+    work.add_argument(
+        "--figures", action="store_true",
+        help="draw driving scores over offline figures too, as offline.png and offline.svg (extra `plots`)",
+    )  # fmt: skip
     work.add_argument("--jobs", metavar="N", type=at_least(1), default=1, help="worker processes (default: 1)")
     work.add_argument(
         "--format", choices=("text", "markdown", "json"), default="text",
@@ -105,6 +116,10 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         import scipy.stats  # noqa: F401
     with extra("sim", of="`drive`"), deferred_interrupt() as raise_if_noted:
         from branchdrive_reference.closed_loop.run import drive_release
+
+        if args.figures:
+            with extra("plots", of="`--figures`"):
+                load_matplotlib()
     raise_if_noted()
     try:
         with heeded_termination(), progress_bar(stderr, "driving groups") as show:
@@ -112,6 +127,11 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     except KeyboardInterrupt as interrupt:
         stderr.write("interrupted; run the same command to go on\n")
         return int(getattr(interrupt, "exit_code", EXIT_INTERRUPTED))
+    if args.figures:
+        from branchdrive_reference.closed_loop.figure import drive_figures
+
+        for name, content in drive_figures(found.results).items():
+            replace_file(args.output / name, content)
     for warning in found.results["warnings"]:
         stderr.write(f"warning: {warning}\n")
     if args.format == "text":
@@ -141,6 +161,7 @@ def request_of(args: argparse.Namespace) -> Request:
         schedules=tuple(Schedule(args.every, number) for number in numbers),
         conditions=tuple(conditions),
         world=args.world,
+        looks_ahead=args.look_ahead,
         is_recorded=args.record,
         jobs=args.jobs,
     )

@@ -122,6 +122,7 @@ class Course:
     def _sight(self, seen: Record, choices: Choices, noise: SensorNoise) -> Sight:
         number = len(choices)
         return Sight(
+            self._site.group_id,
             self._site.scenario_type,
             seen,
             self._tick(number),

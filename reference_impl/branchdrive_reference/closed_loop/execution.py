@@ -49,6 +49,7 @@ class GroupDriver:
         selectors: By name.
         arms: What is driven.
         unrecorded: Columns that the dataset does not record.
+        looks_ahead: Whether the bank is driven ahead at every decision, and not at the branch alone.
         recorder: Keeps what is driven as a raw dataset; ``None`` where figures are enough.
     """
 
@@ -59,6 +60,7 @@ class GroupDriver:
     selectors: Mapping[str, Selector]
     arms: Sequence[Arm]
     unrecorded: tuple[str, ...]
+    looks_ahead: bool = False
     recorder: Recorder | None = None
 
     def __call__(self, place: Place, between: Callable[..., None]) -> str:
@@ -72,7 +74,7 @@ class GroupDriver:
         nominal = site.nominal()
         if isinstance(nominal, str):
             self._record(place, None, ())
-            return {"group_id": place.group_id, "left_out_because": nominal, "bank": None, "drives": []}
+            return {"group_id": place.group_id, "left_out_because": nominal, "bank": None, "banks": None, "drives": []}
         courses: dict[tuple[int, int, float], Course] = {}
 
         def course(arm: Arm) -> Course:
@@ -85,11 +87,17 @@ class GroupDriver:
             return courses[key]
 
         drives: list[dict[str, Any]] = []
+        banks: dict[tuple[Schedule, float, Choices], list[list[float | None]]] = {}
         recorded: dict[tuple[Schedule, float, Choices], tuple[Arm, Driven]] = {}
         for arm in self.arms:
             between()
             noise = SensorNoise(arm.condition.sensor, place.seed)
             driven = course(arm).drive(self.selectors[arm.selector], noise)
+            for number in range(len(driven.choices) if self.looks_ahead else 0):
+                state = (arm.schedule, arm.condition.replay, driven.choices[:number])
+                if state not in banks:
+                    between()
+                    banks[state] = _bank(course(arm).bank_targets(driven.choices[:number]))
             recorded.setdefault((arm.schedule, arm.condition.replay, driven.choices), (arm, driven))
             drives.append({**arm.document, **outcome_of(driven, nominal.branch_tick, self.bank)})
         self._record(place, nominal, [*recorded.values()])
@@ -99,7 +107,20 @@ class GroupDriver:
             "left_out_because": None,
             "branch_tick": nominal.branch_tick,
             "bank": _bank(exact.bank_targets()),
+            "banks": [self._state(*state, bank) for state, bank in banks.items()] if self.looks_ahead else None,
             "drives": drives,
+        }
+
+    def _state(
+        self, schedule: Schedule, replay: float, choices: Choices, bank: list[list[float | None]]
+    ) -> dict[str, Any]:
+        """What the bank came to at the decision after some choices, as JSON data."""
+        return {
+            "every_ticks": schedule.every_ticks,
+            "num_decisions": schedule.num_decisions,
+            "replay_noise": replay,
+            "choices": [self.bank.keys[choice] for choice in choices],
+            "bank": bank,
         }
 
     def _record(self, place: Place, nominal: Nominal | None, drives: Sequence[tuple[Arm, Driven]]) -> None:

@@ -62,6 +62,7 @@ def drive_lock(
     selectors: Sequence[Mapping[str, Any]],
     *,
     profile: str,
+    looks_ahead: bool,
     statistics: Mapping[str, int],
 ) -> dict[str, Any]:
     """The document ``drive_lock.json``.
@@ -73,6 +74,7 @@ def drive_lock(
         arms: What is driven in every group.
         selectors: What is locked of each selector.
         profile: Name of the preference.
+        looks_ahead: Whether the bank is driven ahead at every decision.
         statistics: Seed, resamples and flips.
     """
     locks = {name: release.document(path) for name, path in (("prediction", LOCK_FILE), ("ranking", RANKING_LOCK_FILE))}
@@ -84,6 +86,7 @@ def drive_lock(
         "plan_digest": plan.digest(simulator),
         "plan": plan.document(simulator),
         "profile": profile,
+        "looks_ahead": looks_ahead,
         "selectors": list(selectors),
         "arms": [arm.document for arm in arms],
         "substitutes": SUBSTITUTES,

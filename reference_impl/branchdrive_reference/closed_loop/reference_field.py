@@ -106,6 +106,11 @@ class ReferenceSite:
     plan: PlannedGroup
 
     @property
+    def group_id(self) -> str:
+        """See `Site`."""
+        return self.plan.group_id
+
+    @property
     def scenario_type(self) -> str:
         """See `Site`."""
         return self.plan.spec.scenario_type

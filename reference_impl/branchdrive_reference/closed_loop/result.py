@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 
 from branchdrive.benchmark.ranking.measure import by_score, measures
 from branchdrive.benchmark.ranking.ratio import Figure, Terms, figures
-from branchdrive.driving.target import TARGETS, Targets
-from branchdrive.driving.utility import TIE, utility
+from branchdrive.driving.target import TARGETS
+from branchdrive.driving.utility import TIE
 from branchdrive.statistics.cluster import Clusters
 from branchdrive.statistics.holm import holm
 from branchdrive.statistics.sign_flip import CLUSTER_STREAM, draw_signs, sign_flip
 from branchdrive_reference.closed_loop.arm import CONDITIONS, Arm
 from branchdrive_reference.closed_loop.correlation import correlations
+from branchdrive_reference.closed_loop.look_ahead import executed_utilities, look_ahead_results
 from branchdrive_reference.closed_loop.selector import Training
 
 __all__ = ["EVENTS", "OFFLINE", "drive_results"]
@@ -95,6 +96,9 @@ def drive_results(
     names = [clusters[group["group_id"]] for group in driven]
     drives = [[group["drives"][i] for group in driven] for i in range(len(arms))]
     document["arms"] = _arms(drives, names, arms, statistics)
+    if all(group["banks"] is not None for group in driven):
+        ahead = look_ahead_results(driven, names, arms, training, statistics)
+        document["arms"] = [{**arm, "look_ahead": one} for arm, one in zip(document["arms"], ahead, strict=True)]
     document |= _offline(driven, names, arms, training, statistics)
     return document
 
@@ -240,11 +244,8 @@ def _offline(
     statistics: Mapping[str, int],
 ) -> dict[str, Any]:
     """Offline figures of the first choice of every selector, and how they go with driving scores."""
-    values = np.array(
-        [[[np.nan if value is None else value for value in row] for row in group["bank"]] for group in driven],
-        np.float64,
-    )
-    utilities = utility(Targets(values, np.isfinite(values)), training.scale, training.profile)
+    banks = [group["bank"] for group in driven]
+    utilities = executed_utilities(banks, training)
     ranked = np.flatnonzero(np.isfinite(utilities).all(axis=1)).tolist()
     if not ranked:
         return {"offline": None, "correlations": []}
@@ -255,7 +256,8 @@ def _offline(
         chosen = [keys.index(driven[g]["drives"][i]["choices"][0]) for g in ranked]
         shares = by_score(np.eye(len(keys))[chosen])
         found = measures(shares, utilities[ranked], nominal=nominal)
-        contact = (values[ranked, chosen, _SEPARATION] <= 0).astype(np.float64)
+        separation = [banks[g][place][_SEPARATION] for g, place in zip(ranked, chosen, strict=True)]
+        contact = np.array([found_m is not None and found_m <= 0 for found_m in separation], np.float64)
         by_selector[arms[i].selector] = {"value": found.value, "regret": found.regret, "contact": contact}
     cluster_names = [names[g] for g in ranked]
     clusters, ones = Clusters.of(cluster_names), np.ones(len(ranked))

@@ -51,6 +51,7 @@ class Request:
         schedules: When selectors decide; each is driven.
         conditions: Noise; each is driven, exact drives first.
         world: ``MODULE:NAME`` of worlds of the SDK; the reference world by default.
+        looks_ahead: Whether the bank is driven ahead at every decision.
         is_recorded: Whether what is driven is kept as a raw dataset.
         jobs: Worker processes.
     """
@@ -64,6 +65,7 @@ class Request:
     schedules: tuple[Schedule, ...]
     conditions: tuple[Condition, ...] = (Condition("exact"),)
     world: str | None = None
+    looks_ahead: bool = False
     is_recorded: bool = False
     jobs: int = 1
 
@@ -113,13 +115,15 @@ def drive_release(
         statistics = {"seed": int(declared.seed), "resamples": int(declared.resamples), "flips": int(declared.flips)}
         simulator = f"{field.software.name} {field.software.version}"
         lock = drive_lock(
-            release, plan, simulator, arms, list(about.values()), profile=request.profile, statistics=statistics
-        )
+            release, plan, simulator, arms, list(about.values()), profile=request.profile,
+            looks_ahead=request.looks_ahead, statistics=statistics,
+        )  # fmt: skip
         keep_lock(request.output, lock)
         entries = record_access(release, lock)
         driver = GroupDriver(
-            request.output, field, request.seed, training.bank, selectors, arms, release.layer.descriptor.unrecorded
-        )
+            request.output, field, request.seed, training.bank, selectors, arms, release.layer.descriptor.unrecorded,
+            request.looks_ahead,
+        )  # fmt: skip
         if request.is_recorded:
             _drive_recorded(driver, plan, request, release.layer.descriptor, watch)
         else:
@@ -180,20 +184,27 @@ def _check(field: Field, request: Request, release: Release) -> None:
         raise UsageError("a closed loop is judged by evidence of actors and collisions, which this dataset has not")
 
 
-def _exported(release: Release, protocol: BenchmarkProtocol, model: str, folder: Path) -> Path:
-    """The ONNX export of a locked model, held against torch, in a file of its own: the lock names its digest."""
+_SEEN = {InputContract.SENSOR.value: "sensor history", InputContract.OBJECTS.value: "sensor history and objects"}
+"""What a model sees in a drive, by its contract."""
+
+
+def _exported(release: Release, protocol: BenchmarkProtocol, model: str, folder: Path) -> tuple[Path, str]:
+    """The ONNX export of a locked model, held against torch, in a file of its own: the lock names its digest.
+
+    With it, what the model sees.
+    """
     from branchdrive_reference.benchmark.prediction import locked_checkpoints
 
     with extra("models", "export", of="a selector `E-MODEL`"):
         from branchdrive_reference.benchmark.onnx_export import export_locked
     lock, declared = release.document(LOCK_FILE), protocol.model(model)
     checkpoints = [] if lock is None or declared is None else locked_checkpoints(release, lock, model)
-    if not checkpoints:
+    if declared is None or not checkpoints:
         raise UsageError(f"{release.root}: has no locked checkpoint of {model!r}; run `branchdrive benchmark` first")
-    if declared is not None and declared.contract == InputContract.OBJECTS.value:
-        raise UsageError(f"{model!r} reads objects, which drives do not tell yet; choose a model under `sensor`")
+    if declared.contract not in _SEEN:
+        raise UsageError(f"{model!r} reads what drives do not tell; choose a model under {' or '.join(_SEEN)}")
     content, _ = export_locked(release, protocol, checkpoints)
     make_dir(folder)
     path = folder / f"{model}.onnx"
     replace_file(path, content)
-    return path
+    return path, _SEEN[declared.contract]

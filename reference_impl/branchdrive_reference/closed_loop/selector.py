@@ -36,6 +36,7 @@ from branchdrive.benchmark.ranking.measure import best_fixed, choose
 from branchdrive.contract.bank import ActionBank
 from branchdrive.driving.utility import Profile, Scale, predicted_utility, utility
 from branchdrive.errors import UsageError
+from branchdrive.model.objects import OBJECTS
 from branchdrive_reference.benchmark.release import Release, baseline_contexts, benchmark_data
 from branchdrive_reference.closed_loop.external import External
 from branchdrive_reference.closed_loop.sight import NOW, Sight
@@ -150,7 +151,7 @@ class _Exported:
     name: str
     path: Path
     training: Training = field(repr=False)
-    sees: str = "sensor history"
+    sees: str
 
     @cached_property
     def _session(self) -> Any:
@@ -162,7 +163,8 @@ class _Exported:
         return {name: value for name, value in self.__dict__.items() if name != "_session"}
 
     def __call__(self, sight: Sight) -> int:
-        inputs, history = [one.name for one in self._session.get_inputs()], sight.history()
+        inputs = [one.name for one in self._session.get_inputs()]
+        history = sight.history() | (sight.objects() if OBJECTS in inputs else {})
         (targets,) = self._session.run(["targets"], {name: history[name] for name in inputs})
         return int(choose(predicted_utility(targets, self.training.scale, self.training.profile)))
 
@@ -181,14 +183,14 @@ class _Oracle:
 
 
 def open_selectors(
-    names: Sequence[str], training: Training, exported: Callable[[str], Path]
+    names: Sequence[str], training: Training, exported: Callable[[str], tuple[Path, str]]
 ) -> tuple[dict[str, Selector], dict[str, dict[str, Any]]]:
     """Selectors by name, in the given order, and what a lock says of each.
 
     Args:
         names: As the table above has them; a name that is given twice counts once.
         training: What they know from training.
-        exported: Gives the file of the ONNX export of a model.
+        exported: Gives the file of the ONNX export of a model, and what the model sees.
 
     Raises:
         UsageError: There is no selector of a name, or a program is called like one of this package.
@@ -218,9 +220,9 @@ def open_selectors(
                 raise UsageError(f"the dataset has not what the baseline {name!r} sees; leave it out")
             selector = _Estimated(baselines[name], training)
         elif name.startswith(ENSEMBLE):
-            path = exported(name.removeprefix(ENSEMBLE))
+            path, sees = exported(name.removeprefix(ENSEMBLE))
             digest = hashlib.sha256(path.read_bytes()).hexdigest()
-            selector, more = _Exported(name, path, training), {"onnx_sha256": digest}
+            selector, more = _Exported(name, path, training, sees), {"onnx_sha256": digest}
         elif name == ORACLE:
             selector = _Oracle(training)
         else:

@@ -1,6 +1,8 @@
 """What a selector may see at a decision: the drive up to its tick, and what it makes of the future if it looks ahead.
 
 Inputs are those of the model layer, from the same formulas and at the same offsets from the tick of the decision.
+Objects of others are measured as the model layer measures them; at every decision after the first one, all observations
+of its window are measured anew.
 
 Sensor noise disturbs the recorded pose and speed of the window before anything is derived from them: at strength 1,
 positions by 0.1 m, headings by 0.005 rad and speeds by 0.05 m/s, independent Gauss, equal for all selectors at the same
@@ -23,7 +25,9 @@ from branchdrive.contract.timing import HISTORY_OFFSETS, OBSERVATION_STRIDE_TICK
 from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import CONTROL_WINDOW, STATE_WINDOW, control_history, state_history
 from branchdrive.driving.target import Targets
+from branchdrive.model.arrays import pack_objects
 from branchdrive.model.features import HISTORIES
+from branchdrive.model.objects import seen_objects
 from branchdrive.tables.frame import Values
 
 __all__ = ["NOW", "SensorNoise", "Sight"]
@@ -70,6 +74,7 @@ class Sight:
     """One decision.
 
     Attributes:
+        group_id: Group, whose name decides the noise of objects.
         scenario_type: Scenario type, which no vehicle knows.
         record: What was recorded of the drive up to the tick, in it nothing after.
         tick: Tick of the decision, that of a saved observation.
@@ -79,6 +84,7 @@ class Sight:
         look_ahead: Executed targets of every candidate from here ``[A, 6]``, what no vehicle could know.
     """
 
+    group_id: str
     scenario_type: str
     record: Record
     tick: int
@@ -96,6 +102,22 @@ class Sight:
             "state": np.stack([state.get(name, nothing) for name in names], axis=1).astype(np.float32),
             "controls": np.stack(list(controls.values()), axis=1),
         }
+
+    def objects(self) -> dict[str, NDArray[Any]]:
+        """What sensors tell of others: ``objects`` ``[16, 32, 11]`` and ``objects_mask`` ``[16, 32]``."""
+        rows, ticks = _rows(self.tick, HISTORY_OFFSETS), self.tick + np.array(HISTORY_OFFSETS)
+        recorded = {name: np.ma.getdata(np.ma.asarray(values)) for name, values in self.record.actors.items()}
+        first, last = (np.searchsorted(recorded["tick"], ticks, side=side) for side in ("left", "right"))
+        of_window = slice(first[0], last[-1])
+        name = self.group_id if self.number == 0 else f"{self.group_id}@{self.tick}"
+        frame = seen_objects(
+            {one: np.asarray(self.record.observations[one], np.float64)[rows] for one in ("x_m", "y_m", "yaw_rad")},
+            {column: values[of_window] for column, values in recorded.items()},
+            np.repeat(np.arange(len(ticks)), last - first),
+            np.array([name], object),
+        )
+        packed = pack_objects(frame, [name])
+        return {"objects": packed.values[0], "objects_mask": packed.available[0]}
 
     def frames(self) -> dict[str, dict[str, Values]]:
         """Frames of the model layer's tables with the one group `NOW`: what baselines see."""

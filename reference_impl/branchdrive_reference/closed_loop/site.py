@@ -100,6 +100,10 @@ class Site(Protocol):
     """One planned group that can be driven."""
 
     @property
+    def group_id(self) -> str:
+        """Its identity."""
+
+    @property
     def scenario_type(self) -> str:
         """Its scenario type."""
 

@@ -75,6 +75,7 @@ def drive_sections(results: Document) -> list[Table | Passage]:
             _ways(arms, condition),
             _decisions(arms, condition),
             _against_nominal(arms, condition),
+            *([_ahead(arms, condition)] if all("look_ahead" in arm for arm in arms) else []),
         ]
     if results["offline"] is not None:
         sections += [_offline(results), _orders(results)]
@@ -182,6 +183,27 @@ def _against_nominal(arms: Sequence[Document], condition: str) -> Table:
         "both monitored, and is not judged without one. The interval is no part of it.",
     ]
     return Table(f"Against nominal, {condition}", columns, rows, notes, has_intervals=True)
+
+
+def _ahead(arms: Sequence[Document], condition: str) -> Table:
+    columns = [
+        *_WHO, Column("First decision"), Column("Later ones"), Column("Later ones ranked"),
+        Column("By decision", is_text=True),
+    ]  # fmt: skip
+    rows = []
+    for arm in arms:
+        found = arm["look_ahead"]
+        each = [f"{number(one['value'])} ({one['num_ranked']})" for one in found["by_decision"] if one["num_ranked"]]
+        later = found["later"]
+        rows.append([*_who(arm), _cell(found["first"]), _cell(later), str(later["num_ranked"]), ", ".join(each)])
+    notes = [
+        "At every decision all candidates were driven ahead from the state that the selector's own drive was in, which "
+        "no vehicle can. Regret is by how much the choice falls short of the best utility of their windows, as a share "
+        "of the range from the worst to the best. Behind each decision stands in how many groups it was ranked: where "
+        "every candidate has a utility.",
+        "Regret looks no further than a window, so that a choice without regret may still lead into a collision.",
+    ]
+    return Table(f"Regret by look-ahead at every decision, {condition}", columns, rows, notes, has_intervals=True)
 
 
 def _offline(results: Document) -> Table:

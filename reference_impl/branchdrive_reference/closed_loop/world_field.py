@@ -132,6 +132,11 @@ class WorldSite:
     plan: GroupPlan
 
     @property
+    def group_id(self) -> str:
+        """See `Site`."""
+        return self.plan.group_id
+
+    @property
     def scenario_type(self) -> str:
         """See `Site`."""
         return self.plan.scenario_type

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.columns import TICK_TABLES
+from branchdrive.contract.columns import DECISIONS, TICK_TABLES
 from branchdrive.contract.timing import FUTURE_OFFSETS
 from branchdrive.driving.target import TARGETS
 from branchdrive.engine.examine import examine
@@ -30,6 +30,7 @@ __all__ = [
     "RESULTS",
     "Banks",
     "Collisions",
+    "Drives",
     "Facts",
     "Fidelity",
     "NominalResults",
@@ -115,6 +116,19 @@ class Fidelity:
 
 
 @dataclass(frozen=True)
+class Drives:
+    """Drives, which only a dataset of drives has.
+
+    Attributes:
+        num_drives: Drives ``[shards]``.
+        choices: Action key of every decision ``[decisions]``.
+    """
+
+    num_drives: NDArray[np.int64]
+    choices: Names
+
+
+@dataclass(frozen=True)
 class Facts:
     """Contribution of a shard, or of several.
 
@@ -123,12 +137,14 @@ class Facts:
         branch: Kind of the branch of each group ``[groups]``, as `branch_kinds` has it.
         banks: Canonical banks.
         fidelity: Attempts against nominals.
+        drives: Drives and their decisions.
     """
 
     groups: Collected
     branch: Names
     banks: Banks
     fidelity: Fidelity
+    drives: Drives
 
     @staticmethod
     def merged(parts: Sequence[Facts]) -> Facts:
@@ -142,6 +158,7 @@ class Facts:
             np.concatenate([part.branch for part in parts]),
             joined(Banks, [part.banks for part in parts]),
             joined(Fidelity, [part.fidelity for part in parts]),
+            joined(Drives, [part.drives for part in parts]),
         )
 
 
@@ -154,6 +171,10 @@ def shard_facts(view: ShardView) -> Facts:
         branch_kinds(view, described),
         _banks(view, examination),
         _fidelity(view, examination),
+        Drives(
+            np.array([view.role("drive").sum()]),
+            view.stream(DECISIONS)["action_key"] if DECISIONS in view else np.zeros(0, object),
+        ),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["CollectedGroups", "Equality", "Rate", "Scenario", "Spread", "Study"]
+__all__ = ["CollectedDrives", "CollectedGroups", "Equality", "Rate", "Scenario", "Spread", "Study"]
 
 Rate = float | None
 """A share in ``[0, 1]``; ``None`` where there is nothing to take a share of."""
@@ -40,6 +40,23 @@ class CollectedGroups:
     num_route_clusters: int
     num_ticks: int
     attempts: dict[str, int]
+
+
+@dataclass(frozen=True)
+class CollectedDrives:
+    """What a dataset of drives holds in place of branch groups.
+
+    Attributes:
+        num_contexts: Contexts, each with the nominal rollout that its drives begin like.
+        num_drives: Drives.
+        num_decisions: Decisions of all drives.
+        choices: Decisions by action key, in the order of the bank.
+    """
+
+    num_contexts: int
+    num_drives: int
+    num_decisions: int
+    choices: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -127,6 +144,7 @@ class Study:
         dataset_id: Of the descriptor.
         dataset_version: Of the descriptor.
         population: What was collected.
+        drives: What a dataset of drives holds; ``None`` of branch groups.
         profile: Profile of the ranking.
         not_monitored: Results that some canonical nominal does not monitor, as text.
         has_evidence: Whether the dataset claims risk evidence: without it nothing is known of collisions and ranks.
@@ -141,6 +159,7 @@ class Study:
     dataset_id: str
     dataset_version: str
     population: CollectedGroups
+    drives: CollectedDrives | None
     profile: str
     not_monitored: tuple[str, ...]
     has_evidence: bool

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from branchdrive.driving.utility import PROFILES, extreme_shares, fit_scale, uti
 from branchdrive.quality.collected import Collected, Names
 from branchdrive_reference.simulation.branch_kind import BranchKind
 from branchdrive_reference.study.facts import RESULTS, Banks, Facts, Fidelity
-from branchdrive_reference.study.study import CollectedGroups, Equality, Rate, Scenario, Spread, Study
+from branchdrive_reference.study.study import CollectedDrives, CollectedGroups, Equality, Rate, Scenario, Spread, Study
 
 __all__ = ["PROFILE", "summarise"]
 
@@ -38,6 +39,7 @@ def summarise(facts: Facts, descriptor: Descriptor) -> Study:
         descriptor.dataset_id,
         descriptor.dataset_version,
         _population(facts.groups, facts.branch),
+        _drives(facts, bank) if descriptor.is_of_drives else None,
         PROFILE,
         tuple(title for title, missing in zip(RESULTS.values(), unseen, strict=True) if missing),
         has_evidence,
@@ -66,6 +68,12 @@ def _population(groups: Collected, branch: Names) -> CollectedGroups:
         groups.num_ticks,
         dict(sorted(groups.statuses.items())),
     )
+
+
+def _drives(facts: Facts, bank: ActionBank) -> CollectedDrives:
+    found = Counter(facts.drives.choices.tolist())
+    choices = {key: found[key] for key in bank.keys if found[key]}
+    return CollectedDrives(facts.groups.num_groups, int(facts.drives.num_drives.sum()), found.total(), choices)
 
 
 def _kinds(found: NDArray[np.object_]) -> list[str]:

@@ -16,7 +16,7 @@ from branchdrive.driving.discrepancy import CORE
 from branchdrive.text.table import Column, Passage, Table
 from branchdrive.text.terminal import print_facts, print_section, render
 from branchdrive_reference.study.label import label
-from branchdrive_reference.study.study import CollectedGroups, Rate, Scenario, Spread, Study
+from branchdrive_reference.study.study import CollectedDrives, CollectedGroups, Rate, Scenario, Spread, Study
 
 __all__ = ["render_study", "study_sections"]
 
@@ -52,10 +52,13 @@ def render_study(study: Study, stdout: TextIO, *, is_file: bool = False, is_full
 
 def study_sections(study: Study) -> list[Table | Passage]:
     """The headlines of a study as values: what was collected, outcomes, discrepancies, and whether replays repeat."""
-    facts = [[name, text] for name, text in _population_facts(study.population).items()]
+    facts = [[name, text] for name, text in _population_facts(study).items()]
+    collected = Table("What was collected", [Column.name("of"), Column("there are", is_text=True)], facts)
+    if study.drives is not None:
+        return [collected, Passage("Outcomes", [_OF_DRIVES])]
     discrepancies = _largest_discrepancies(study)
     return [
-        Table("What was collected", [Column.name("of"), Column("there are", is_text=True)], facts),
+        collected,
         *_overall_sections(study),
         *([] if discrepancies is None else [discrepancies]),
         Passage("Nominal replays", [_equality_text(study)[0]]),
@@ -65,8 +68,11 @@ def study_sections(study: Study) -> list[Table | Passage]:
 def _print_headlines(console: Console, study: Study) -> None:
     """What fits on a screen: outcomes of all groups together, and the largest discrepancies."""
     console.print(Text(f"{label(study.dataset_id)} {label(study.dataset_version)}", style="bold"))
-    _print_population(console, study.population)
+    _print_population(console, study)
     console.print()
+    if study.drives is not None:
+        console.print(Text(_OF_DRIVES))
+        return
     _print_overall(console, study)
     if discrepancies := _largest_discrepancies(study):
         console.print()
@@ -76,6 +82,10 @@ def _print_headlines(console: Console, study: Study) -> None:
 
 
 _NO_OUTCOMES = "No outcomes: no group is integrity-complete"
+_OF_DRIVES = (
+    "Drives are in no branch group: there is no bank to rank and no replay to compare. What drives came to stands in "
+    "the results of the run that recorded them."
+)
 _NO_EVIDENCE = "Collisions and ranks are unknown: the dataset claims no risk evidence"
 
 
@@ -162,7 +172,11 @@ def _largest_discrepancies(study: Study) -> Table | None:
 
 def _print_study(console: Console, study: Study) -> None:
     console.print(Text(f"{label(study.dataset_id)} {label(study.dataset_version)}", style="bold"))
-    _print_population(console, study.population)
+    _print_population(console, study)
+    if study.drives is not None:
+        console.print()
+        console.print(Text(_OF_DRIVES))
+        return
     _print_outcomes(console, study)
     _print_spreads(console, "intervention", study.interventions)
     _print_spreads(console, "nominal replay", study.nominal_replays)
@@ -191,12 +205,24 @@ def _skipped(population: CollectedGroups) -> str:
     return f"; {skipped:,} skipped: {', '.join(reasons)}"
 
 
-def _population_facts(population: CollectedGroups) -> dict[str, str]:
-    """What was collected, by what it is called."""
-    hours = population.num_ticks * TICK_S / 3600
+def _held(population: CollectedGroups, drives: CollectedDrives | None) -> dict[str, str]:
+    """Branch groups, or what is there in place of them, by what it is called."""
+    if drives is not None:
+        return {
+            "contexts": f"{drives.num_contexts:,}",
+            "drives": f"{drives.num_drives:,}",
+            "decisions": f"{drives.num_decisions:,}: {_listed(drives.choices)}",
+        }
     complete = f"{population.num_integrity_complete:,} integrity-complete{_skipped(population)}"
+    return {"branch groups": f"{population.num_groups:,}, {complete}"}
+
+
+def _population_facts(study: Study) -> dict[str, str]:
+    """What was collected, by what it is called."""
+    population = study.population
+    hours = population.num_ticks * TICK_S / 3600
     return {
-        "branch groups": f"{population.num_groups:,}, {complete}",
+        **_held(population, study.drives),
         "scenario types": f"{len(population.scenario_types):,}: {_listed(population.scenario_types)}",
         "towns": f"{len(population.towns):,}: {_listed(population.towns)}",
         "branches": ", ".join(f"{_KINDS[kind]} {count:,}" for kind, count in population.branches.items()),
@@ -206,9 +232,9 @@ def _population_facts(population: CollectedGroups) -> dict[str, str]:
     }
 
 
-def _print_population(console: Console, population: CollectedGroups) -> None:
+def _print_population(console: Console, study: Study) -> None:
     _title(console, "Population")
-    print_facts(console, _population_facts(population).items())
+    print_facts(console, _population_facts(study).items())
 
 
 def _percent(rate: Rate, *, is_whole: bool = False) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,15 @@ import pytest
 from branchdrive.collector.recording import Record
 from branchdrive.contract.bank import load_action_bank
 from branchdrive.contract.policy import ACTUATORS
+from branchdrive.model.arrays import pack_objects
+from branchdrive.model.objects import object_columns
+from branchdrive.raw.reader import open_dataset
+from branchdrive.raw.shard_view import ShardView
 from branchdrive_reference.closed_loop.course import Course, Schedule, window_targets
 from branchdrive_reference.closed_loop.reference_field import ReferenceField, ReferenceSite
 from branchdrive_reference.closed_loop.sight import SensorNoise, Sight
 from branchdrive_reference.closed_loop.site import Nominal
+from branchdrive_reference.collect.campaign import collect
 from branchdrive_reference.simulation.record import record
 from branchdrive_reference.simulation.rollout import run
 
@@ -92,6 +98,38 @@ def test_a_drive_is_the_same_alone_and_after_others(driven: Any) -> None:
     shared.drive(lambda _: STEERS, EXACT)
     alone = course(driven, 3).drive(lambda sight: (STEERS, BRAKES, 0)[sight.number], EXACT)
     assert_same(shared.drive(choose, EXACT).record, alone.record)
+
+
+def test_windows_of_a_later_decision_are_those_of_drives_that_decided_so(driven: Any) -> None:
+    _, nominal = driven
+    ahead = course(driven, 2).bank_targets((STEERS,))
+    assert ahead.values.shape == (len(BANK.keys), 6) and ahead.available.any()
+    for place in (BRAKES, STEERS, BANK.nominal_index):
+        choices = iter((STEERS, place))
+        whole = course(driven, 2).drive(lambda _, made=choices: next(made), EXACT)
+        found = window_targets(whole.record, nominal.branch_tick + 50)
+        np.testing.assert_array_equal(ahead.values[place], found.values[0])
+
+
+def test_objects_of_the_first_decision_are_those_of_the_model_layer(driven: Any, tmp_path: Path) -> None:
+    site, _ = driven
+    seen: list[dict[str, Any]] = []
+
+    def choose(sight: Sight) -> int:
+        seen.append(sight.objects())
+        return BANK.nominal_index
+
+    course(driven, 2).drive(choose, EXACT)
+    collect(tmp_path / "one", num_groups=1, seed=900, scenario_types=("HardBrakeRoute",))
+    dataset = open_dataset(tmp_path / "one")
+    (shard,) = dataset.shards
+    view = ShardView({name: shard.decode(name) for name in dataset.descriptor.tables}, dataset.descriptor)
+    frame = object_columns(view, np.flatnonzero(view.role("nominal")))
+    expected = pack_objects(frame, [site.group_id])
+    assert expected.available.any()
+    np.testing.assert_array_equal(seen[0]["objects"], expected.values[0])
+    np.testing.assert_array_equal(seen[0]["objects_mask"], expected.available[0])
+    assert seen[1]["objects_mask"].any() and not np.array_equal(seen[0]["objects"], seen[1]["objects"])
 
 
 def test_nominal_decisions_leave_the_nominal_pass(driven: Any) -> None:

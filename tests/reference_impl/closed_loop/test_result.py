@@ -11,13 +11,15 @@ from scipy import stats
 from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.benchmark.ranking.selected_table import percents
 from branchdrive.contract.bank import load_action_bank
-from branchdrive.driving.utility import Scale
+from branchdrive.driving.utility import Profile, Scale
 from branchdrive.statistics.cluster import Clusters
 from branchdrive_reference.closed_loop.arm import Condition, arms_of
 from branchdrive_reference.closed_loop.correlation import correlations
 from branchdrive_reference.closed_loop.course import Schedule
+from branchdrive_reference.closed_loop.figure import draw_orders, drive_figures
+from branchdrive_reference.closed_loop.look_ahead import decision_regrets, look_ahead_results
 from branchdrive_reference.closed_loop.outcome import PENALTIES, driving_score
-from branchdrive_reference.closed_loop.result import _distinct, drive_results
+from branchdrive_reference.closed_loop.result import OFFLINE, _distinct, drive_results
 from branchdrive_reference.closed_loop.selector import Training
 from branchdrive_reference.closed_loop.table import drive_sections
 
@@ -99,7 +101,7 @@ def test_collisions_are_compared_where_both_drives_were_monitored(
 ) -> None:
     bank = [[None] * 6 for _ in BANK.policies]
     groups = [
-        {"group_id": f"g{i}", "left_out_because": None, "bank": bank, "drives": [*map(driven, pair)]}
+        {"group_id": f"g{i}", "left_out_because": None, "bank": bank, "banks": None, "drives": [*map(driven, pair)]}
         for i, pair in enumerate(counts)
     ]
     profile, nothing = default_protocol().preferences["near_range"], np.full(5, np.nan)
@@ -118,6 +120,57 @@ def test_collisions_are_compared_where_both_drives_were_monitored(
     known = [pair for pair in counts if None not in pair]
     worse = sum(not hit_nominal and bool(hit) for hit_nominal, hit in known)
     assert found["worse"]["value"] == (pytest.approx(worse / len(known)) if known else None)
+
+
+def test_regret_at_every_decision_is_that_of_the_bank_in_its_state() -> None:
+    """Of three decisions: one that is best, one that is worst, one in a state without a utility."""
+    nominal, brake = "nominal", "brake_0.50"
+    separations = {(): (2.0, 0.0), (brake,): (0.5, 2.0), (brake, brake): (None, 1.0)}
+
+    def bank(of_brake: float | None, of_others: float | None) -> list[list[float | None]]:
+        return [[None, of_brake if key == brake else of_others, *[1.0] * 4] for key in BANK.keys]
+
+    only_separation = Profile(1.0, 0.0, 0.0, near_m=2.0)
+    banks = [
+        {"every_ticks": 50, "num_decisions": 3, "replay_noise": 0.0, "choices": [*before], "bank": bank(*separation)}
+        for before, separation in separations.items()
+    ]
+    made = driven(0) | {"choices": [brake, brake, nominal]}
+    group = {
+        "group_id": "g", "left_out_because": None, "bank": banks[0]["bank"], "banks": banks, "drives": [made, made],
+    }  # fmt: skip
+    arms = arms_of(["nominal", brake], [Schedule(50, 3)], [Condition("exact")])
+    training = Training(
+        BANK, "near_range", only_separation, Scale(np.zeros(5), np.ones(5)), (), np.zeros((0, 13)), (), None
+    )
+    np.testing.assert_allclose(decision_regrets(group, 1, arms[1], training), [0.0, 1.0, np.nan])
+    found = look_ahead_results([group] * 2, ["a", "b"], arms, training, {"seed": 1, "resamples": 20})
+    assert found[1]["first"]["value"] == 0 and found[1]["later"]["value"] == 1
+    assert [one["num_ranked"] for one in found[1]["by_decision"]] == [2, 2, 0]
+    assert found[1]["by_decision"][2]["value"] is None
+
+
+def test_a_figure_has_a_point_for_every_selector_and_schedule() -> None:
+    def arm(name: str, number: int, first: str) -> dict[str, Any]:
+        score = {"value": 0.5 + 0.1 * number, "low": 0.4, "high": 0.8}
+        return {
+            "selector": name, "every_ticks": 50, "num_decisions": number, "condition": "exact",
+            "means": {"score": score}, "first_choices": {first: 3},
+        }  # fmt: skip
+
+    names = {"nominal": "nominal", "brake_0.50": "brake_0.50", "oracle": "brake_0.30", "E-M3": "nominal"}
+    offline = [{"selector": name, **{one: {"value": 0.2} for one in OFFLINE}} for name in names]
+    results = {
+        "arms": [arm(name, number, first) for number in (1, 4) for name, first in names.items()],
+        "offline": {"num_ranked": 3, "selectors": offline}, "num_driven": 3, "profile": "near_range", "warnings": [],
+    }  # fmt: skip
+    figure = draw_orders(results)
+    points = [[line for line in axes.lines if line.get_marker() == "o"] for axes in figure.axes]
+    assert [len(own) for own in points] == [len(names)] * 2 * len(OFFLINE)
+    assert [float(line.get_ydata()[0]) for line in points[-1]] == pytest.approx([0.9] * len(names))
+    assert {*drive_figures(results)} == {"offline.png", "offline.svg"}
+    assert drive_figures(results) == drive_figures(results)
+    assert drive_figures({**results, "offline": None}) == {}
 
 
 def test_selectors_that_choose_the_same_everywhere_are_one_point() -> None:

@@ -60,6 +60,7 @@ def request_(bare: Path, tmp_path: Path) -> Request:
         seed=5,
         schedules=(Schedule(50, 1), Schedule(50, 2)),
         conditions=(Condition(CONDITIONS[0]), Condition(CONDITIONS[2], sensor=1.0)),
+        looks_ahead=True,
         is_recorded=True,
     )
 
@@ -110,6 +111,12 @@ def test_a_run_is_locked_recorded_and_the_same_after_a_kill(request_: Request, t
     assert by_arm["brake_0.50", 1, "exact"]["later_choices"] == {}
     offline = {one["selector"]: one for one in results["offline"]["selectors"]}
     assert offline["oracle"]["regret"]["value"] == 0 and offline["nominal"]["value"]["value"] > 0
+    ahead = by_arm["oracle", 2, "exact"]["look_ahead"]
+    assert (ahead["first"]["value"], ahead["first"]["num_ranked"]) == (0, 3)
+    assert [one["value"] for one in ahead["by_decision"] if one["num_ranked"]].count(0) >= 1
+    assert by_arm["type_prior", 2, "exact"]["look_ahead"]["first"]["value"] == pytest.approx(
+        offline["type_prior"]["regret"]["value"]
+    )
     tables = (whole.output / "TABLES.md").read_text(encoding="utf-8")
     assert tables.startswith(f"# Closed loop\n\n## What may and may not be concluded\n\n{CONCLUSIONS}\n")
 

@@ -8,13 +8,17 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.mutation import new_draft
 from tests.reference_impl.study import samples
 from tests.synthetic import bare_descriptor, group_name
 
 from branchdrive.driving.discrepancy import CORE, EXTENDED
 from branchdrive.errors import UsageError
+from branchdrive.text.table import Passage, Table
 from branchdrive.text.terminal import PLAIN_WIDTH
 from branchdrive_reference.study import command
+from branchdrive_reference.study.survey import study_dataset
+from branchdrive_reference.study.text import study_sections
 
 Result = tuple[int, str, str]
 
@@ -53,6 +57,21 @@ def test_text_has_every_table_and_fits_its_width(root: Path) -> None:
     assert "\x1b" not in out
     tables = [line.split()[0] for line in lines if line.startswith(("CutIn", "all"))]
     assert tables == ["CutIn", "all"] * 5
+
+
+@pytest.mark.parametrize("options", [(), ("--full",)], ids=["headlines", "full"])
+def test_drives_are_told_as_what_they_are(options: tuple[str, ...], tmp_path: Path) -> None:
+    root = new_draft("drives").write(tmp_path / "dataset")
+    code, out, err = study(root, *options)
+    assert (code, err) == (0, "")
+    assert "branch groups" not in out and "integrity-complete" not in out
+    facts = {line[:16].strip(): line[16:] for line in out.splitlines()}
+    assert (facts["contexts"], facts["drives"]) == ("3", "12")
+    assert facts["decisions"].startswith("21: nominal 6, ")
+    assert "Drives are in no branch group: there is no bank to rank and no replay to compare." in out
+    (held, outcomes) = study_sections(study_dataset(root, lambda *_: None))
+    assert isinstance(held, Table) and held.rows[:2] == [["contexts", "3"], ["drives", "12"]]
+    assert isinstance(outcomes, Passage)
 
 
 def test_headlines_fit_on_a_screen_and_say_where_the_rest_is(root: Path) -> None:

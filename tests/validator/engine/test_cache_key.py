@@ -55,6 +55,7 @@ OTHERS: dict[str, st.SearchStrategy[Any]] = {
     "folder": texts,
     "selected": st.frozensets(texts, min_size=1, max_size=3),
     "is_hashed": st.just(True),  # without digests, nothing is kept
+    "optional": st.frozensets(texts, max_size=3),
     "media": st.sampled_from(["full", "sample", "index"]),
     "repeated_rollouts": st.frozensets(texts, max_size=3),
     "scattered_groups": st.frozensets(texts, max_size=3),

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +15,12 @@ from tests.validator.release.running import LAYERS, breaches, call, contents
 
 from branchdrive.contract.companion import CROISSANT_FILE
 from branchdrive.contract.layout import CARD_FILE
+from branchdrive.engine.shard import ShardTask, audit_shard
+from branchdrive.engine.spool import Spool
+from branchdrive.engine.validate import validate
 from branchdrive.errors import DatasetError
 from branchdrive.model.reader import open_model
+from branchdrive.runtime.executor import in_process
 
 TABLES = ("endings", "objects")
 
@@ -52,6 +59,26 @@ def test_a_table_is_added_and_nothing_else_but_the_card_and_lists_of_files(table
     assert contents(root) == contents(built)
     with pytest.raises(DatasetError, match=f"has no table `{table}`, which `branchdrive build --{table}` adds"):
         open_model(root).arrow(table)
+
+
+def test_rows_that_a_release_has_no_table_for_are_not_computed(root: Path) -> None:
+    asked: list[ShardTask] = []
+
+    def noting(function: Any, tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
+        asked.extend(task for task in tasks if isinstance(task, ShardTask))
+        return in_process(function, tasks)
+
+    validate(root, executor=noting)
+    assert asked and {task.optional for task in asked} == {frozenset()}
+    build_model(root, "--objects")
+    asked.clear()
+    validate(root, executor=noting)
+    assert asked and {task.optional for task in asked} == {frozenset({"objects"})}
+    with Spool.temporary() as spool:
+        found = [
+            {*audit_shard(replace(asked[0], spool=spool, optional=frozenset(names))).frames} for names in ((), TABLES)
+        ]
+    assert found[1] - found[0] == {*TABLES} and found[0] < found[1]
 
 
 def test_a_detached_release_tells_both_without_its_raw_layer(raw: Path, tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ the room of its layer. Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping
+
 import numpy as np
 
 from branchdrive.canonical.record import attempts, records
@@ -30,12 +32,13 @@ REPLAY_FRAMES = "replay_frames"
 ROUTES = "routes"
 
 
-def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
+def raw_rows_of(view: ShardView, examination: Examination, optional: Collection[str]) -> dict[str, Frame]:
     """What the shard says, given which of its attempts and groups hold which rules.
 
     Args:
         view: The shard, without a structure failure.
         examination: What the rules found on it.
+        optional: Optional tables that rows are wanted for; those of others are not computed.
 
     Returns:
         Frames by name. Those of the model layer hold every integrity-complete group, and so do three that are no
@@ -55,6 +58,10 @@ def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
     route_x, route_y = view.rollouts["route_x_m"], view.rollouts["route_y_m"]
     points = [resample_polyline(route_x[i], route_y[i]) for i in nominals]
     group_ids = np.array(view.group_ids, object)[complete]
+    of_optional: Mapping[str, Callable[[], Frame]] = {
+        "endings": lambda: ending_columns(view, executed),
+        OBJECTS: lambda: object_columns(view, nominals),
+    }
     return {
         "records": records(view, examination),
         "attempts": attempts(view, examination),
@@ -65,8 +72,7 @@ def raw_rows_of(view: ShardView, examination: Examination) -> dict[str, Frame]:
         "candidates": candidate_columns(view, executed, np.repeat(nominals, len(bank.policies))),
         "scalars": scalar_columns(view, executed),
         "trajectories": trajectory_columns(view, executed),
-        "endings": ending_columns(view, executed),
-        OBJECTS: object_columns(view, nominals),
+        **{name: rows() for name, rows in of_optional.items() if name in optional},
         "media_index": media_columns(view, nominals),
         ROUTES: {
             "group_id": group_ids,

@@ -7,10 +7,11 @@ Source: spec/07-rules.md#trust.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
-from branchdrive.contract.layer import table_paths
+from branchdrive.contract.columns import LAYER_TABLES
+from branchdrive.contract.layer import paths_by_table, table_paths
 from branchdrive.contract.media import MediaMode
 from branchdrive.engine.derived_files import (
     LayerFiles,
@@ -60,6 +61,7 @@ def read_dataset(
     *,
     spool: Spool | None = None,
     release: Survey | None = None,
+    optional: Collection[str] = (),
     media: MediaMode = "full",
 ) -> Reading:
     """Read and judge all shards, and read the derived layers beside them.
@@ -71,16 +73,27 @@ def read_dataset(
         progress: Called after every shard.
         spool: Where layers are put, and rows of shards for them; ``None`` where they are not needed.
         release: The dataset with the derived layers, this one or another; shards put rows where its rules take them.
+        optional: Optional tables that shards put rows for where there is no `release`, whose own count.
         media: How many images are decoded.
     """
     reading = Reading(survey, () if release is None else layer_files_tasks(release, spool))
     rows = spool if release is None or needs_raw(release, selected) else None
+    there = optional if release is None else paths_by_table(release.release_files)
+    wanted = frozenset(name for name in there if rows and LAYER_TABLES[name].optional)
     shards: list[ShardTask] = []
     for folder, files in survey.shard_folders.items():
         paths = tuple(entry.path for entry in files)
         shards.append(
             ShardTask(
-                survey.folder.only(paths), folder, paths, survey.descriptor, selected, survey.is_hashed, rows, media
+                survey.folder.only(paths),
+                folder,
+                paths,
+                survey.descriptor,
+                selected,
+                survey.is_hashed,
+                spool=rows,
+                optional=wanted,
+                media=media,
             )
         )
     if progress:

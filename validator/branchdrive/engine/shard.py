@@ -66,6 +66,7 @@ class ShardTask:
         selected: Rules to run on rows.
         is_hashed: Whether to digest the files.
         spool: Where rows for the derived layers go; ``None`` where they need none.
+        optional: Optional tables of the derived layers that rows are put for.
         media: How many images are decoded.
         repeated_rollouts: Its attempts whose identity occurs more than once in the dataset, once that is known.
         scattered_groups: Its groups that lie in other shards too, once that is known.
@@ -78,6 +79,7 @@ class ShardTask:
     selected: frozenset[str]
     is_hashed: bool
     spool: Spool | None = None
+    optional: frozenset[str] = frozenset()
     media: MediaMode = "full"
     repeated_rollouts: frozenset[str] = frozenset()
     scattered_groups: frozenset[str] = frozenset()
@@ -279,6 +281,6 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     elif result.is_failed:
         result.no_frames = "a rule on the raw layer failed"
     else:
-        for name, frame in raw_rows_of(view, examination).items():
+        for name, frame in raw_rows_of(view, examination, task.optional).items():
             task.spool.put(f"{spooled_name(task.folder)}.{name}", frame)
             result.frames += (name,)

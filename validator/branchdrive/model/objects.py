@@ -6,6 +6,9 @@ them and nothing later is in them. Source: spec/12-model.md#objects.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +21,7 @@ from branchdrive.raw.window import take_float, window_rows
 from branchdrive.statistics.random_words import WORDS_PER_NORMAL, normals, words
 from branchdrive.tables.frame import Frame
 
-__all__ = ["OBJECTS", "object_columns"]
+__all__ = ["OBJECTS", "object_columns", "seen_objects"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,6 +29,8 @@ Index = NDArray[np.int64]
 OBJECTS = "objects"
 """Name of the table."""
 
+_POSE = ("x_m", "y_m", "yaw_rad")
+_OTHERS = ("length_m", "width_m", "vel_x_mps", "vel_y_mps")
 _SEED = 0
 _MOMENTS_AT_ONCE = 64
 
@@ -41,32 +46,54 @@ def object_columns(view: ShardView, nominals: Index) -> Frame:
     start, stop = (rows.ravel() for rows in actors.span(np.repeat(nominals[:, None], num_moments, axis=1), ticks))
     moment = np.repeat(np.arange(len(ego)), stop - start)
     row = np.arange(len(moment)) + (start - np.cumsum(stop - start) + (stop - start))[moment]
-    x_m, y_m, yaw_rad, *others = (
-        take_float(actors, name, row)
-        for name in ("x_m", "y_m", "yaw_rad", "length_m", "width_m", "vel_x_mps", "vel_y_mps")
+    codes, classes = actors.categories("actor_class")
+    return seen_objects(
+        {name: take_float(view.observations, name, ego) for name in _POSE},
+        {
+            **{name: take_float(actors, name, row) for name in (*_POSE, *_OTHERS)},
+            "actor_id": actors["actor_id"][row],
+            "actor_class": np.array(classes, object)[codes[row]],
+        },
+        moment,
+        view.rollouts["group_id"][nominals],
     )
-    ego_x_m, ego_y_m, ego_yaw_rad = (take_float(view.observations, name, ego) for name in ("x_m", "y_m", "yaw_rad"))
-    bodies = Bodies(x_m - ego_x_m[moment], y_m - ego_y_m[moment], yaw_rad, *others)
-    identity = actors["actor_id"][row].astype(np.int64)
-    kept, rank = nearest(bodies, moment, identity)
-    bodies, moment, row, identity = bodies.take(kept), moment[kept], row[kept], identity[kept]
+
+
+def seen_objects(
+    ego: Mapping[str, Array],
+    actors: Mapping[str, NDArray[Any]],
+    moment: Index,
+    names: NDArray[np.object_],
+) -> Frame:
+    """Objects at the observations of histories, in the order of observations and objects of each.
+
+    Args:
+        ego: Its `x_m`, `y_m` and `yaw_rad` at the observations, history by history ``[histories * 16]``.
+        actors: Columns of the actors that were recorded then, each ``[n]``.
+        moment: Place of the observation of each, ascending ``[n]``.
+        names: What each history is called in `group_id`; the noise follows from it ``[histories]``.
+    """
+    num_moments = len(HISTORY_OFFSETS)
+    others = (np.asarray(actors[name], np.float64) for name in ("yaw_rad", *_OTHERS))
+    bodies = Bodies(actors["x_m"] - ego["x_m"][moment], actors["y_m"] - ego["y_m"][moment], *others)
+    identity = actors["actor_id"].astype(np.int64)
+    row, rank = nearest(bodies, moment, identity)
+    bodies, moment = bodies.take(row), moment[row]
     is_seen = np.zeros(len(row), bool)
-    for first in range(0, len(ego), _MOMENTS_AT_ONCE):
+    for first in range(0, len(ego["x_m"]), _MOMENTS_AT_ONCE):
         part = slice(*np.searchsorted(moment, (first, first + _MOMENTS_AT_ONCE)))
         is_seen[part] = in_sight(bodies.take(part), moment[part] - first, rank[part], _MOMENTS_AT_ONCE)
-    bodies, moment, row, identity = bodies.take(is_seen), moment[is_seen], row[is_seen], identity[is_seen]
-    group = moment // num_moments
-    number = _numbers(group, identity)
+    bodies, moment, row = bodies.take(is_seen), moment[is_seen], row[is_seen]
+    history = moment // num_moments
+    number = _numbers(history, identity[row])
     order = np.lexsort((number, moment))
-    bodies, moment, row, group, number = bodies.take(order), moment[order], row[order], group[order], number[order]
-    group_ids = view.rollouts["group_id"][nominals]
-    found = measured(bodies, ego_yaw_rad[moment], _variates(group_ids, np.bincount(group, minlength=len(nominals))))
-    codes, classes = actors.categories("actor_class")
+    bodies, moment, row, history, number = bodies.take(order), moment[order], row[order], history[order], number[order]
+    found = measured(bodies, ego["yaw_rad"][moment], _variates(names, np.bincount(history, minlength=len(names))))
     return {
-        "group_id": group_ids[group],
-        "offset_ticks": np.tile(np.array(HISTORY_OFFSETS, np.int32), len(nominals))[moment],
+        "group_id": names[history],
+        "offset_ticks": np.tile(np.array(HISTORY_OFFSETS, np.int32), len(names))[moment],
         "object_index": number.astype(np.int32),
-        "object_class": np.array(classes, object)[codes[row]],
+        "object_class": actors["actor_class"][row],
         "x_m": found.dx_m.astype(np.float32),
         "y_m": found.dy_m.astype(np.float32),
         "yaw_rad": found.yaw_rad.astype(np.float32),

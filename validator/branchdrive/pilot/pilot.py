@@ -152,5 +152,5 @@ def _rows(parts: Sequence[Part]) -> tuple[Mapping[str, Frame], str]:
     if any(part.examination.broken.any() for part in parts):
         return {}, "attempts break the format (see Conformance)"
     with np.errstate(all="ignore"):
-        frames = [raw_rows_of(part.view, part.examination) for part in parts]
+        frames = [raw_rows_of(part.view, part.examination, optional=()) for part in parts]
     return {name: concat([frame[name] for frame in frames]) for name in frames[0]}, ""

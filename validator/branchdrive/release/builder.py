@@ -114,12 +114,19 @@ def build_release(
     target = folder_of(source, "a build without `output`") if output is None else Folder.at(output)
     _check(source, target, stages, drop_leakage)
     report = progress or (lambda *_: None)
+    options = options or BuildOptions()
 
     is_in_place = _is_one(source, target)
     with Spool.temporary() as spool, ExitStack() as resources:
 
         def scanned() -> RawScan:
-            return scan_raw(source, spool, executor, lambda done, total: report("raw", done, total, "shards"))
+            return scan_raw(
+                source,
+                spool,
+                executor,
+                lambda done, total: report("raw", done, total, "shards"),
+                optional=options.tables,
+            )
 
         # What is built from elsewhere is read before its release has a folder.
         scan = None if is_in_place else scanned()
@@ -133,7 +140,7 @@ def build_release(
         if drop_leakage:
             layers.drop(LEAKAGE_FILE)
         work = StageWork(scan, layers, _table_store(area, scan), executor)
-        job = _Job(work, target, tuple(stages), options or BuildOptions(), protocol, area, report)
+        job = _Job(work, target, tuple(stages), options, protocol, area, report)
         for stage in STAGES:
             if stage in stages:
                 job.carry_out(stage)

@@ -5,7 +5,7 @@ Source: spec/10-layers.md#derivation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,7 +91,14 @@ class RawScan:
         return SpooledFrames(self.spool, shards, self.parts[0].names)
 
 
-def scan_raw(dataset: Store, spool: Spool, executor: Executor, progress: Progress | None = None) -> RawScan:
+def scan_raw(
+    dataset: Store,
+    spool: Spool,
+    executor: Executor,
+    progress: Progress | None = None,
+    *,
+    optional: Collection[str] = (),
+) -> RawScan:
     """Read, verify and judge the raw layer of a dataset.
 
     Args:
@@ -99,6 +106,7 @@ def scan_raw(dataset: Store, spool: Spool, executor: Executor, progress: Progres
         spool: Where its rows wait for who builds from them.
         executor: How shards are read.
         progress: Called after every shard.
+        optional: Optional tables that are to be built.
 
     Raises:
         DatasetError: There is no finished raw layer, it is damaged, or it breaks the format.
@@ -106,7 +114,7 @@ def scan_raw(dataset: Store, spool: Spool, executor: Executor, progress: Progres
     """
     survey = take_survey(dataset)
     descriptor = _finished(survey)
-    reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool)
+    reading = read_dataset(survey, frozenset(CATALOGUE), executor, progress, spool=spool, optional=optional)
     results = reading.shards
     for message in reading.errors:
         place, reason = message.split(":", 1)[0], message.rsplit("\n", 1)[-1].strip()

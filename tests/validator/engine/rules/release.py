@@ -91,7 +91,7 @@ def built() -> Built:
 def _made() -> Built:
     with tempfile.TemporaryDirectory() as folder:
         raw = Draft(synthetic_release.raw_tables(), synthetic_release.raw_descriptor()).write(Path(folder) / "raw")
-        with _work_on(scan_raw(Folder(raw), Spool(Path(folder)), in_process)) as work:
+        with _work_on(scan_raw(Folder(raw), Spool(Path(folder)), in_process, optional=(ENDINGS, OBJECTS))) as work:
             options = BuildOptions(seed=SEED)
             _build(work, options)
             nobody = Unavailable("the tests train no network")
@@ -174,7 +174,7 @@ class ReleaseDraft(Draft):
         raw = Draft({folder: self.tables[folder] for folder in RELEASE_SHARDS}, synthetic_release.raw_descriptor())
         options = options or BuildOptions(seed=SEED)
         with tempfile.TemporaryDirectory() as folder, Spool.temporary() as spool:
-            scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), spool, in_process)
+            scan = scan_raw(Folder(raw.write(Path(folder) / "raw")), spool, in_process, optional=options.tables)
             with _work_on(scan) as work:
                 _build(work, options)
                 build_model(work, options)
