@@ -1,25 +1,30 @@
 """Cases say the same in every place: in memory, in a bucket, in an archive, from a cache, and by processes of a pool.
 
-`make thorough` judges a tenth of them in all of these, `make test` one in each, and `make ray` a tenth on Ray.
+`make thorough` judges a tenth of them in all of these, and larger datasets; `make test` judges one case in each, and
+`make ray` a tenth on Ray.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import obstore
 import pytest
+from benchmarks.repeated import repeat_dataset
 from obstore.store import MemoryStore
 from tests.bucket_server import BucketServer, serving, use
+from tests.mutation import new_draft
 from tests.places import files_of, packed
 from tests.sampling import THOROUGH
 from tests.validator.engine.rules.case import judged_folder
 
+from branchdrive.cli.main import run
 from branchdrive.engine.cache import Cache
 from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
@@ -28,6 +33,7 @@ from branchdrive.formats.place import Place, open_store
 from branchdrive.runtime.executor import isolated
 from branchdrive_conformance.case import Case, cases_dir, load_cases
 from branchdrive_conformance.materialize import DATASET_DIR, RAW_DIR, WAIVERS_FILE, materialize
+from branchdrive_reference.collect.campaign import collect
 
 KINDS = ("memory", "bucket", "archive", "cache", "pool")
 EVERY, FEW = 10, 120
@@ -92,18 +98,25 @@ def compare(case: Case, folder: Path, kinds: Sequence[str], server: BucketServer
     root = folder / DATASET_DIR
     if not has_equal(root):
         return 0
-    options = options_of(case, folder)
-    expected = told(judged_folder(root, **options))
+    compare_folder(root, kinds, server, case.name, **options_of(case, folder))
+    return len(kinds)
+
+
+def compare_folder(root: Path, kinds: Sequence[str], server: BucketServer, name: str, **options: Any) -> Report:
+    """Judge a folder and what equals it in other places, and see that it is the same; the report on the folder."""
+    report = judged_folder(root, **options)
+    expected = told(report)
     for kind in kinds:
         if kind == "pool":
-            assert told(validate(root, executor=isolated(2), **options)) == expected, (case.name, kind)
+            assert told(validate(root, executor=isolated(2), **options)) == expected, (name, kind)
             continue
         caches: tuple[Cache | None, ...] = (None,)
         if kind == "cache":
-            caches = (Cache(folder / "cache"), Cache(folder / "cache")) if options["hash_files"] else ()
+            kept = Cache(root.parent / "cache")
+            caches = (kept, kept) if options.get("hash_files", True) else ()
         for cache in caches:
-            assert told(judged_folder(at(kind, root, server), cache=cache, **options)) == expected, (case.name, kind)
-    return len(kinds)
+            assert told(judged_folder(at(kind, root, server), cache=cache, **options)) == expected, (name, kind)
+    return report
 
 
 def test_some_cases_say_the_same_in_a_place_each(server: BucketServer, tmp_path: Path) -> None:
@@ -123,3 +136,32 @@ def test_a_tenth_of_the_cases_say_the_same_everywhere(server: BucketServer, tmp_
         if drawn(case) % EVERY == 0:
             compare(case, tmp_path / "case", KINDS, server)
             shutil.rmtree(tmp_path / "case")
+
+
+def demo(folder: Path) -> Path:
+    """The dataset of `make demo`, a release without its audit of leakage, whose permutations take minutes."""
+    root = folder / "dataset"
+    for arguments in (("collect", "--preset", "demo", "--groups", 29, "--seed", 1), ("build", "--no-leakage")):
+        assert run([arguments[0], str(root), *map(str, arguments[1:])], io.StringIO(), io.StringIO()) == 0
+    return root
+
+
+def collection(folder: Path) -> Path:
+    """A collection of 64 groups in 8 shards; since two are repeated, rules find copies."""
+    collect(folder / "source", num_groups=2, seed=7)
+    repeat_dataset(folder / "source", folder / "dataset", num_groups=64, groups_per_shard=8)
+    return folder / "dataset"
+
+
+def benchmark(folder: Path) -> Path:
+    """A release with a benchmark."""
+    return new_draft("benchmark").write(folder / "dataset")
+
+
+@THOROUGH
+@pytest.mark.parametrize("made", [demo, collection, benchmark])
+def test_larger_datasets_say_the_same_everywhere(
+    made: Callable[[Path], Path], server: BucketServer, tmp_path: Path
+) -> None:
+    report = compare_folder(made(tmp_path), KINDS, server, made.__name__)
+    assert report.verdict == ("invalid" if made is collection else "valid")
