@@ -89,6 +89,17 @@ def in_bits(values: np.ndarray) -> None:
     values[:, 3] = ((words & ~np.uint32(7)) | CODE.astype(np.uint32)).view(np.float32)
 
 
+def in_bits_at_successive_times(values: np.ndarray) -> None:
+    words = values[:, 6:9].astype(np.float32).view(np.uint32)
+    bits = (CODE[:, None] >> np.arange(3) & 1).astype(np.uint32)
+    values[:, 6:9] = ((words & ~np.uint32(1)) | bits).view(np.float32)
+
+
+def in_flags_at_successive_times(values: np.ndarray) -> None:
+    values[:] = values > 0
+    values[:, 6:9] = CODE[:, None] >> np.arange(3) & 1
+
+
 def in_steps(values: np.ndarray) -> None:
     values[:, 1:4] = values[:, :1] + (CODE[:, None] >> np.arange(3) & 1) * 0.5
 
@@ -104,6 +115,8 @@ def in_repetitions(values: np.ndarray) -> None:
         (planted(in_clusters), "the cluster of the value at tick 5"),
         (planted(in_digits), "what is left beside multiples of"),
         (planted(in_bits), "the last 3 bits at tick 3"),
+        (planted(in_bits_at_successive_times), "the last bits at 3 times from the one at tick 6"),
+        (planted(in_flags_at_successive_times), "the flags at 3 times from the one at tick 6"),
         (planted(in_repetitions), "the number of different values"),
         ((CODE[:, None] >> np.minimum(np.arange(TIMES), 3) & 1).astype(float), "the history at 16 times"),
     ],
@@ -120,6 +133,15 @@ def test_signs_of_steps_are_a_reading() -> None:
     assert "rise, fall and repeat: 5 cells" in how.how
 
 
+def summed(code: int, letters: str, number_of: Callable[[str], int], start: int) -> str:
+    """A text of letters whose sum has a remainder by the number of actions, and that has no other pattern."""
+    rng = np.random.default_rng(start)
+    while True:
+        text = "".join(rng.choice([*letters], 24 + start % 5))
+        if sum(map(number_of, text)) % ACTIONS == code:
+            return text
+
+
 @pytest.mark.parametrize(
     ("texts", "way"),
     [
@@ -127,6 +149,8 @@ def test_signs_of_steps_are_a_reading() -> None:
         ([f"{'pqrst'[code]}{place:03}" for place, code in enumerate(CODE)], "character 1"),
         ([f"g{7 * (10**16 + 999 * n * n) + code}" for n, code in enumerate(CODE)], "the last number in it modulo 7"),
         (["pqrst"[code] for code in CODE], "the value"),
+        ([summed(code, "abcdefg", ord, n) for n, code in enumerate(CODE)], "the sum of its characters modulo 7"),
+        ([summed(code, "0123456", int, n) for n, code in enumerate(CODE)], "the sum of its digits modulo 7"),
     ],
 )  # fmt: skip
 def test_a_text_that_names_an_answer_is_found(texts: list[str], way: str) -> None:

@@ -5,9 +5,10 @@ Readings of a column part the groups into cells without looking at any outcome:
 
 * of numbers at one time: equal ones; clusters, parted at the widest gaps; equal last bits of the float32; clusters of
   what is left beside whole multiples of 1, 0.1, .. 0.0001;
-* of a history: equal histories; equal signs of its steps; equal numbers of different values;
-* of texts: equal ones; equal characters at one place from either end; equal remainders of the last number in them and
-  of their SHA-256.
+* of a history: equal histories; equal signs of its steps; equal numbers of different values; equal last bits, or flags,
+  at some successive times;
+* of texts: equal ones; equal characters at one place from either end; equal remainders of the last number in them, of
+  the sums of their characters and of their digits, and of their SHA-256.
 
 Source: this project's choice; spec/13-leakage.md#codes.
 """
@@ -38,7 +39,7 @@ _ABSENT = -(2.0**40)
 _CHARACTERS = 16
 """Characters of a text that are read, from either end."""
 
-_DIGITS = re.compile(r"[0-9]{1,40}(?=[^0-9]*$)")
+_DIGITS, _DIGIT = re.compile(r"[0-9]{1,40}(?=[^0-9]*$)"), re.compile("[0-9]")
 
 
 class Readings(NamedTuple):
@@ -74,7 +75,19 @@ def readings_of_history(values: Array, times: Sequence[str], num_actions: int) -
         (f"the {DIFFERENT}", _equal(num_different(there)[None])[0]),
     ]
     history = Readings([way for way, _ in whole], np.array([cells for _, cells in whole]))
-    return Readings.joined([history, readings_of_numbers(values, times, num_actions)], len(values))
+    runs = _runs_of_bits(there, times, _num_bits(num_actions))
+    return Readings.joined([history, runs, readings_of_numbers(values, times, num_actions)], len(values))
+
+
+def _runs_of_bits(there: Array, times: Sequence[str], num_bits: int) -> Readings:
+    """Readings of one bit at each of so many successive times: of flags themselves, of other numbers the last one."""
+    if len(times) < num_bits:
+        return Readings.joined([], len(there))
+    is_flag = np.isin(there, (0.0, 1.0)).all()
+    bits = there.astype(np.int64) if is_flag else _last_bits(there, 1)
+    runs = np.lib.stride_tricks.sliding_window_view(bits, num_bits, axis=1) @ (1 << np.arange(num_bits))
+    what = "flags" if is_flag else "last bits"
+    return Readings([f"the {what} at {num_bits} times from the one {time}" for time in times[: runs.shape[1]]], runs.T)
 
 
 def readings_of_numbers(values: Array, names: Sequence[str], num_actions: int) -> Readings:
@@ -88,13 +101,11 @@ def readings_of_numbers(values: Array, names: Sequence[str], num_actions: int) -
     there = _filled(values).T
     varies = (there != there[:, :1]).any(axis=1)
     numbers, kept = there[varies], [name for name, kept in zip(names, varies.tolist(), strict=True) if kept]
-    num_bits = (num_actions - 1).bit_length()
-    with np.errstate(over="ignore"):
-        bits = numbers.astype(np.float32).view(np.uint32) & np.uint32((1 << num_bits) - 1)
+    num_bits = _num_bits(num_actions)
     parts = [
         Readings([f"the value {name}" for name in kept], _equal(numbers)),
         Readings([f"the cluster of the value {name}" for name in kept], _clusters(numbers, num_actions)),
-        Readings([f"the last {num_bits} bits {name}" for name in kept], bits.astype(np.int64)),
+        Readings([f"the last {num_bits} bits {name}" for name in kept], _last_bits(numbers, num_bits)),
     ]
     for multiple in _MULTIPLES:
         left = numbers - multiple * np.rint(numbers / multiple)
@@ -111,7 +122,12 @@ def readings_of_texts(texts: Sequence[str], num_actions: int) -> Readings:
         found += [(f"{way} {place + 1}", _equal_texts(letters[:, place])) for place in range(_CHARACTERS)]
     last = [int(match.group()) if (match := _DIGITS.search(text)) else -1 for text in texts]
     hashed = [int.from_bytes(hashlib.sha256(text.encode()).digest(), "big") for text in texts]
-    for way, numbers in (("the last number in it", last), ("its SHA-256", hashed)):
+    characters = [sum(map(ord, text)) for text in texts]
+    digits = [sum(int(digit) for digit in _DIGIT.findall(text)) for text in texts]
+    for way, numbers in (
+        ("the last number in it", last), ("the sum of its characters", characters),
+        ("the sum of its digits", digits), ("its SHA-256", hashed),
+    ):  # fmt: skip
         found.append((f"{way} modulo {num_actions}", np.array([number % num_actions for number in numbers], np.int64)))
     return Readings([way for way, _ in found], np.array([cells for _, cells in found]))
 
@@ -119,6 +135,17 @@ def readings_of_texts(texts: Sequence[str], num_actions: int) -> Readings:
 def readings_of_pair(first: Sequence[str], second: Sequence[str]) -> Readings:
     """Readings of two texts of every group together ``[groups]``."""
     return Readings(["both values"], _equal_rows(np.stack([_equal_texts(first), _equal_texts(second)], axis=1))[None])
+
+
+def _num_bits(num_actions: int) -> int:
+    """Bits that tell so many actions apart."""
+    return (num_actions - 1).bit_length()
+
+
+def _last_bits(numbers: Array, num_bits: int) -> Index:
+    """The lowest bits of numbers as float32."""
+    with np.errstate(over="ignore"):
+        return (numbers.astype(np.float32).view(np.uint32) & np.uint32((1 << num_bits) - 1)).astype(np.int64)
 
 
 def _filled(values: Array) -> Array:
