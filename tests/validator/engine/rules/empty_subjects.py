@@ -166,6 +166,11 @@ def observations_are_lost(d: Draft) -> None:
     d.set("rollouts", "num_observations", 0)
 
 
+@empties("RTE 005")
+def nobody_is_told_to_turn(d: Draft) -> None:
+    d.set("observations", "command", "follow")
+
+
 @empties("MAP 005 006 007 008 009", base="map")
 def observations_on_a_map_are_lost(d: Draft) -> None:
     observations_are_lost(d)

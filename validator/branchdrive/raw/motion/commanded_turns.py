@@ -59,8 +59,8 @@ def commanded_turns(view: ShardView) -> CommandedTurns:
     )
     away, named = (np.zeros(len(first)) for _ in range(2))
     for i in np.unique(route[first]).tolist():
-        own = route[first] == i
-        away[own], named[own] = _turned(*lines.polylines[i], least[own], most[own], side[first[own]])
+        own, (x, y) = route[first] == i, lines.polylines[i]
+        away[own], named[own] = _turned(x, y, least[own], most[own], side[first[own]])
     return CommandedTurns(first, away, named)
 
 
