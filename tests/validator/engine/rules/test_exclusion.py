@@ -76,6 +76,7 @@ def test_a_broken_rollout_hides_its_own_later_faults_only(tmp_path: Path, base: 
             "BD-CTL-015",
             "BD-ACT-005",
             "BD-RTE-003",
+            "BD-RTE-005",
             "BD-RES-005",
             "BD-GRP-006",
             "BD-RPN-001",
