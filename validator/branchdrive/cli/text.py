@@ -13,10 +13,11 @@ from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
-from branchdrive.cli.formats.causes import causes, causes_text
+from branchdrive.cli.formats.causes import CAUSES_HEAD, cause_texts, causes_text
 from branchdrive.cli.formats.outcome import (
     RULE_EXPLAINED,
     also_in,
+    cautions,
     folded,
     headline,
     refusals,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = ["render", "render_build", "render_report", "render_rule", "render_rules"]
 
+CAUSES_SHOWN = 10
 FINDINGS_SHOWN = 5
 GROUPS_SHOWN = 10
 _NOTED = "failing without deciding"
@@ -87,6 +89,7 @@ def render_build(report: BuildReport, stdout: TextIO) -> str:
 
 def _print_report(console: Console, report: Report) -> None:
     _print_head(console, report)
+    _print_causes(console, report)
     _print_findings(console, report)
     _print_funnel(console, report)
     if report.response is not None:
@@ -160,6 +163,24 @@ def _print_head(console: Console, report: Report) -> None:
         console.print(Text(f"content  {facts.content_identity}", style="dim"))
 
 
+def _print_causes(console: Console, report: Report) -> None:
+    texts = cause_texts(report)
+    if not texts:
+        return
+    console.print()
+    console.print(Text(CAUSES_HEAD, style="bold"))
+    for cause in texts[:CAUSES_SHOWN]:
+        style = "red" if cause.info.decides else "yellow"
+        console.print(Padding(Text.assemble((cause.info.id, style), f"  {cause.title}"), (0, 0, 0, 2)))
+        console.print(Padding(Text(cause.where, style="cyan"), (0, 0, 0, 6)))
+        for line in filter(None, (cause.found, cause.follows)):
+            console.print(Padding(Text(line), (0, 0, 0, 6)))
+        console.print(Padding(Text(f"remedy: {cause.remedy}", style="dim"), (0, 0, 0, 6)))
+    if len(texts) > CAUSES_SHOWN:
+        more = f"... and {counted(len(texts) - CAUSES_SHOWN, 'other rule')} below"
+        console.print(Padding(Text(more, style="dim"), (0, 0, 0, 2)))
+
+
 def _print_findings(console: Console, report: Report) -> None:
     for title, belongs in _SECTIONS.items():
         failed = [tally for tally in report.tallies if tally.num_findings and belongs(tally.info)]
@@ -191,8 +212,8 @@ def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None
     if left > 0 and tally.findings:
         more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
-    if rules := causes(tally, report):
-        console.print(Padding(Text(causes_text(rules)), (0, 0, 0, 6)))
+    if follows := causes_text(tally, report):
+        console.print(Padding(Text(follows), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
 
 
@@ -249,6 +270,8 @@ def _print_verdict(console: Console, report: Report) -> None:
         console.print(Padding(Text(condition, style="dim"), (0, 0, 0, 2)))
     for refusal in refusals(report):
         console.print(Text(refusal, style="bold red"))
+    for caution in cautions(report):
+        console.print(Text(caution, style="bold yellow"))
 
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
