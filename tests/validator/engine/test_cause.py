@@ -18,6 +18,7 @@ from branchdrive.contract.resources import load_resource
 from branchdrive.engine import judge, tally
 from branchdrive.engine.cause import Cause
 from branchdrive.engine.report import Report
+from branchdrive.engine.response_table import response_doubt
 
 
 def _attempts(draft: Draft, *group_ids: str) -> list[str]:
@@ -122,6 +123,18 @@ def test_groups_that_lack_the_same_are_one_row(tmp_path: Path) -> None:
     _in_km_per_h(draft, "g0", "g1")
     (same,) = lost_groups(validate_once(draft.write(tmp_path / "dataset")))
     assert (same.names, same.text) == (("g0", "g1"), "g0, g1")
+
+
+def test_responses_of_wrong_speeds_are_in_doubt(report: Report) -> None:
+    doubt = response_doubt(report)
+    assert doubt.startswith("In doubt: BD-MOT-006, BD-MOT-001 fail in 1 of 3 groups, ")
+    assert doubt in " ".join(render_report(report, io.StringIO()).split())
+
+
+def test_responses_are_not_in_doubt_where_evidence_alone_is_wrong(tmp_path: Path) -> None:
+    draft = new_draft()
+    draft.set("evidence", "separation_m", lambda gap: gap and gap + 1.0)
+    assert response_doubt(validate_once(draft.write(tmp_path / "dataset"))) == ""
 
 
 def test_a_valid_dataset_of_which_nothing_can_be_used_says_so(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from branchdrive.contract.text import counted
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.report import Report
 from branchdrive.raw.funnel import Funnel
+from branchdrive.text.brief import brief
 from branchdrive.text.table import Column, Table
 
 __all__ = ["NO_GROUPS", "LostGroups", "funnel_table", "lost_groups", "lost_groups_table", "lost_title", "no_funnel"]
@@ -74,7 +75,8 @@ def _lost(part: Sequence[tuple[int, GroupResult]]) -> LostGroups:
     places, groups = zip(*part, strict=True)
     first, names = groups[0], tuple(group.group_id for group in groups)
     differs = any(group.reason != first.reason for group in groups)
-    reason = f"{first.reason} - the first of them; others differ in the values" if differs else first.reason
+    (reason,) = brief(first.reason)
+    reason += " - the first of them; others differ in the values" if differs else ""
     is_run = all(after == before + 1 for before, after in pairwise(places))
     if len(names) > _NAMES_SHOWN and is_run:
         text = f"{names[0]} to {names[-1]} ({counted(len(names), 'group')})"

@@ -41,9 +41,10 @@ from branchdrive.contract.text import counted, printable, size_text
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
 from branchdrive.engine.response_summary import ResponseSummary
-from branchdrive.engine.response_table import response_table
+from branchdrive.engine.response_table import response_doubt, response_table
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.engine.verdict import is_waived
+from branchdrive.text.brief import brief
 from branchdrive.text.terminal import print_facts, print_section
 from branchdrive.text.terminal import render as drawn
 
@@ -93,7 +94,7 @@ def _print_report(console: Console, report: Report) -> None:
     _print_findings(console, report)
     _print_funnel(console, report)
     if report.response is not None:
-        _print_response(console, report.response)
+        _print_response(console, report.response, response_doubt(report))
     if report.population is not None:
         console.print()
         print_population(console, report.population)
@@ -206,7 +207,8 @@ def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None
         finding = part[0]
         more = (f"  ({finding.count} places)" if finding.count > 1 else "") + also_in(part)
         console.print(Padding(Text(location_text(finding.location) + more, style="cyan"), (0, 0, 0, 6)))
-        console.print(Padding(Text(f"expected {finding.expected}; found {finding.found}"), (0, 0, 0, 8)))
+        (said,) = brief(f"expected {finding.expected}; found {finding.found}")
+        console.print(Padding(Text(said), (0, 0, 0, 8)))
     # Rules on rows count rows, of which a finding may hold several; the others count findings.
     left = tally.num_findings - sum(map(tally.places, parts[:FINDINGS_SHOWN]))
     if left > 0 and tally.findings:
@@ -310,12 +312,14 @@ def _print_rule(console: Console, info: RuleInfo) -> None:
     console.print(Markdown(rule_page_text(info.id)))
 
 
-def _print_response(console: Console, response: ResponseSummary) -> None:
-    """Print what each action did against the nominal, and which columns never change."""
+def _print_response(console: Console, response: ResponseSummary, doubt: str) -> None:
+    """Print what each action did against the nominal, why to doubt it, and which columns never change."""
     if not response.actions:
         return
     console.print()
     print_section(console, response_table(response))
+    if doubt:
+        console.print(Text(doubt, style="yellow"))
     if response.constant:
         listed = ", ".join(f"{name} {value:.4g}" for name, value in sorted(response.constant.items()))
         console.print(Text(f"The same in every observation: {listed}", style="yellow"))

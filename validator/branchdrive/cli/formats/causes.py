@@ -11,6 +11,7 @@ from branchdrive.engine.finding import Finding
 from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import is_waived
+from branchdrive.text.brief import brief
 
 __all__ = ["CAUSES_HEAD", "CauseText", "cause_texts", "causes_text"]
 
@@ -54,7 +55,10 @@ def _text(cause: Cause, tallies: dict[str, Tally]) -> CauseText:
     more = f" and {len(cause.columns) - len(columns)} more" if len(cause.columns) > len(columns) else ""
     title = cause.info.title + (f", in {', '.join(columns)}{more}" if columns else "")
     first = cause.first
-    found = "" if first is None else f"{_place(first)}expected {first.expected}; found {first.found}"
+    found = ""
+    if first is not None:
+        (said,) = brief(f"expected {first.expected}; found {first.found}")
+        found = f"{_place(first)}{said}"
     where = _extent(cause) or _violations(tallies[cause.rule_id])
     follows = "; ".join(filter(None, (_follows(cause, tallies), _together(cause))))
     return CauseText(cause.info, title, where, found, follows, cause.info.remedy)

@@ -20,6 +20,7 @@ from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
 from branchdrive.engine.waiver import Waiver, WaiverOutcome
+from branchdrive.text.brief import brief
 
 __all__ = [
     "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "cautions", "failures", "folded",
@@ -161,7 +162,7 @@ def _failure(tally: Tally, report: Report, num_places: int) -> Failure:
 def _place(part: Sequence[Finding]) -> Place:
     finding = part[0]
     more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
-    return Place(location_text(finding.location), more, finding.expected, finding.found)
+    return Place(location_text(finding.location), more, *brief(finding.expected, finding.found))
 
 
 def headline(report: Report) -> str:
