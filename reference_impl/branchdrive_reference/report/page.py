@@ -8,8 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
+from branchdrive.cli.formats.causes import CAUSES_HEAD, CauseText
 from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place
-from branchdrive.cli.funnel import funnel_table
+from branchdrive.cli.funnel import funnel_table, lost_groups, lost_title
 from branchdrive.contract.resources import rule_page_text
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted
@@ -29,6 +30,7 @@ _IMAGE_BYTES_BESIDE = 6_000_000
 """Of the camera images of a page beside it."""
 
 _MOST_LOST = 2000
+_MOST_NAMES = 500
 _FINDINGS_SHOWN = 3
 _FINDINGS_LISTED = 50
 
@@ -103,7 +105,7 @@ def _head(report: DatasetReport, outcome: Outcome) -> dict[str, Any]:
         "verdict": validation.verdict,
         "meaning": outcome.headline.removeprefix(f"{validation.verdict} - ") + ".",
         "tone": "good" if validation.verdict == "valid" and level == "note" else level,
-        "refusals": [*outcome.refusals, *_contradiction(validation)],
+        "refusals": [*outcome.refusals, *outcome.cautions, *_contradiction(validation)],
         "errors": validation.errors,
         "conditions": validation.conditions,
         "sizes": outcome.sizes + outcome.companions,
@@ -125,7 +127,8 @@ def _contradiction(validation: Report) -> list[str]:
 
 
 def _contents(context: Mapping[str, Any]) -> list[tuple[str, str]]:
-    found = [("funnel", "Funnel"), ("findings", "Findings"), ("groups", "Groups")]
+    found = [("causes", CAUSES_HEAD)] if context["causes"] else []
+    found += [("funnel", "Funnel"), ("findings", "Findings"), ("groups", "Groups")]
     found += [(section.name, section.title) for section in context["sections"]]
     return [*found, *([("rules", "Rules")] if context["rule_pages"] else [])]
 
@@ -136,21 +139,41 @@ def _more(count: int, noun: str) -> str:
 
 def _validation_context(validation: Report, outcome: Outcome) -> dict[str, Any]:
     """Funnel, lost groups, findings and rule pages."""
-    lost = [group for group in validation.groups or () if not group.qualifies]
+    lost = lost_groups(validation)
     named = {failure.info.id for *_, failures in outcome.sections for failure in failures}
-    named |= {rule for group in lost for rule in group.rules}
+    named |= {rule for same in lost for rule in (*same.rules, *same.further)}
     response = validation.response
     return {
         "funnel": None if validation.funnel is None else funnel_bars(validation.funnel),
         "funnel_table": None if validation.funnel is None else funnel_table(validation.funnel),
         "lost": lost[:_MOST_LOST],
-        "lost_more": _more(len(lost) - _MOST_LOST, "group"),
-        "lost_title": f"Groups that do not qualify: {len(lost):,} of {len(validation.groups or ()):,}",
+        "lost_more": _more(sum(len(same.names) for same in lost[_MOST_LOST:]), "group"),
+        "most_names": _MOST_NAMES,
+        "lost_title": lost_title(validation),
+        "causes_head": CAUSES_HEAD,
+        "causes": [_cause(cause) for cause in outcome.causes],
         "findings": [(head, [_failure(level, one) for one in failures]) for level, head, failures in outcome.sections],
         "unjudged": outcome.unjudged,
         "waivers": [f"{waiver.rule} at {label(waiver.location)}: {use}" for waiver, use in outcome.waivers],
         "forest": None if response is None or not response.actions else forest(response),
         "rule_pages": [(rule, CATALOGUE[rule].title, _rule_text(rule)) for rule in sorted(named)],
+    }
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def _cause(cause: CauseText) -> dict[str, Any]:
+    info = cause.info
+    return {
+        "id": info.id,
+        "title": cause.title,
+        "tone": "error" if info.decides else "warning" if info.level == "MUST" else "note",
+        "where": cause.where,
+        "found": cause.found,
+        "follows": _sentence(cause.follows),
+        "remedy": cause.remedy,
     }
 
 
@@ -162,7 +185,7 @@ def _failure(level: Level, failure: Failure) -> dict[str, Any]:
         "kind": failure.info.kind,
         "tone": level,
         "summary": failure.summary,
-        "causes": failure.causes,
+        "follows": _sentence(failure.follows),
         "shown": [_place(place) for place in places[:_FINDINGS_SHOWN]],
         "further_text": counted(len(places) - _FINDINGS_SHOWN, "more place"),
         "further": [_place(place) for place in places[_FINDINGS_SHOWN:]],

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -18,6 +19,8 @@ __all__ = ["asset", "island", "rendered_page"]
 
 _SCRIPTS = ("decode.js", "theme.js", "gallery.js", "map.js", "chart.js", "player.js")
 """In the order in which they run."""
+
+_RULE = re.compile(r"\bBD-[A-Z]{3}-[0-9]{3}\b")
 
 
 @cache
@@ -34,6 +37,7 @@ def _environment() -> Any:
         loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     found.filters["ticked"] = _ticked
+    found.filters["rules_linked"] = _rules_linked
     return found
 
 
@@ -46,6 +50,13 @@ def _ticked(text: str) -> Any:
         return escape(text)
     code = Markup("<code>{}</code>")
     return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
+
+
+def _rules_linked(text: str) -> Any:
+    """Text with each rule that failed as a link to what is said of it; everything is escaped."""
+    from markupsafe import Markup, escape
+
+    return Markup(_RULE.sub(r'<a href="#\g<0>">\g<0></a>', str(escape(text))))  # noqa: S704  (escaped)
 
 
 def island(document: Any) -> Any:

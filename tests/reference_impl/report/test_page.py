@@ -142,6 +142,11 @@ def test_causes_stand_before_what_follows_from_them(tmp_path: Path) -> None:
     assert order.index("BD-MOT-001") < order.index("BD-EVD-002")
     assert "May follow from" in page.text
     assert "To do:" in page.text
+    heads = [str(head["id"]) for head in page.of("h2") if head.get("id")]
+    assert heads[:4] == ["causes", "funnel", "findings", "groups"]
+    (lost,) = (head for head in page.of("h3") if head.get("id") == "lost")
+    elements = [attributes for _, attributes in page.elements]
+    assert elements.index(lost) > elements.index(page.of("article")[-1])
 
 
 def test_groups_that_do_not_qualify_are_named_with_their_reasons(damaged_dataset: Path, tmp_path: Path) -> None:

@@ -13,10 +13,11 @@ from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
-from branchdrive.cli.formats.causes import causes, causes_text
+from branchdrive.cli.formats.causes import CAUSES_HEAD, cause_texts, causes_text
 from branchdrive.cli.formats.outcome import (
     RULE_EXPLAINED,
     also_in,
+    cautions,
     folded,
     headline,
     refusals,
@@ -40,9 +41,10 @@ from branchdrive.contract.text import counted, printable, size_text
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
 from branchdrive.engine.response_summary import ResponseSummary
-from branchdrive.engine.response_table import response_table
+from branchdrive.engine.response_table import response_doubt, response_table
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.engine.verdict import is_waived
+from branchdrive.text.brief import brief
 from branchdrive.text.terminal import print_facts, print_section
 from branchdrive.text.terminal import render as drawn
 
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
 
 __all__ = ["render", "render_build", "render_report", "render_rule", "render_rules"]
 
+CAUSES_SHOWN = 10
 FINDINGS_SHOWN = 5
 GROUPS_SHOWN = 10
 _NOTED = "failing without deciding"
@@ -87,10 +90,11 @@ def render_build(report: BuildReport, stdout: TextIO) -> str:
 
 def _print_report(console: Console, report: Report) -> None:
     _print_head(console, report)
+    _print_causes(console, report)
     _print_findings(console, report)
     _print_funnel(console, report)
     if report.response is not None:
-        _print_response(console, report.response)
+        _print_response(console, report.response, response_doubt(report))
     if report.population is not None:
         console.print()
         print_population(console, report.population)
@@ -160,6 +164,24 @@ def _print_head(console: Console, report: Report) -> None:
         console.print(Text(f"content  {facts.content_identity}", style="dim"))
 
 
+def _print_causes(console: Console, report: Report) -> None:
+    texts = cause_texts(report)
+    if not texts:
+        return
+    console.print()
+    console.print(Text(CAUSES_HEAD, style="bold"))
+    for cause in texts[:CAUSES_SHOWN]:
+        style = "red" if cause.info.decides else "yellow"
+        console.print(Padding(Text.assemble((cause.info.id, style), f"  {cause.title}"), (0, 0, 0, 2)))
+        console.print(Padding(Text(cause.where, style="cyan"), (0, 0, 0, 6)))
+        for line in filter(None, (cause.found, cause.follows)):
+            console.print(Padding(Text(line), (0, 0, 0, 6)))
+        console.print(Padding(Text(f"remedy: {cause.remedy}", style="dim"), (0, 0, 0, 6)))
+    if len(texts) > CAUSES_SHOWN:
+        more = f"... and {counted(len(texts) - CAUSES_SHOWN, 'other rule')} below"
+        console.print(Padding(Text(more, style="dim"), (0, 0, 0, 2)))
+
+
 def _print_findings(console: Console, report: Report) -> None:
     for title, belongs in _SECTIONS.items():
         failed = [tally for tally in report.tallies if tally.num_findings and belongs(tally.info)]
@@ -185,14 +207,15 @@ def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None
         finding = part[0]
         more = (f"  ({finding.count} places)" if finding.count > 1 else "") + also_in(part)
         console.print(Padding(Text(location_text(finding.location) + more, style="cyan"), (0, 0, 0, 6)))
-        console.print(Padding(Text(f"expected {finding.expected}; found {finding.found}"), (0, 0, 0, 8)))
+        (said,) = brief(f"expected {finding.expected}; found {finding.found}")
+        console.print(Padding(Text(said), (0, 0, 0, 8)))
     # Rules on rows count rows, of which a finding may hold several; the others count findings.
     left = tally.num_findings - sum(map(tally.places, parts[:FINDINGS_SHOWN]))
     if left > 0 and tally.findings:
         more = f"... and {left:,} more (--format json lists up to {MAX_FINDINGS_PER_RULE})"
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
-    if rules := causes(tally, report):
-        console.print(Padding(Text(causes_text(rules)), (0, 0, 0, 6)))
+    if follows := causes_text(tally, report):
+        console.print(Padding(Text(follows), (0, 0, 0, 6)))
     console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
 
 
@@ -249,6 +272,8 @@ def _print_verdict(console: Console, report: Report) -> None:
         console.print(Padding(Text(condition, style="dim"), (0, 0, 0, 2)))
     for refusal in refusals(report):
         console.print(Text(refusal, style="bold red"))
+    for caution in cautions(report):
+        console.print(Text(caution, style="bold yellow"))
 
 
 def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
@@ -287,12 +312,14 @@ def _print_rule(console: Console, info: RuleInfo) -> None:
     console.print(Markdown(rule_page_text(info.id)))
 
 
-def _print_response(console: Console, response: ResponseSummary) -> None:
-    """Print what each action did against the nominal, and which columns never change."""
+def _print_response(console: Console, response: ResponseSummary, doubt: str) -> None:
+    """Print what each action did against the nominal, why to doubt it, and which columns never change."""
     if not response.actions:
         return
     console.print()
     print_section(console, response_table(response))
+    if doubt:
+        console.print(Text(doubt, style="yellow"))
     if response.constant:
         listed = ", ".join(f"{name} {value:.4g}" for name, value in sorted(response.constant.items()))
         console.print(Text(f"The same in every observation: {listed}", style="yellow"))

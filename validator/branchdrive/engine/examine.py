@@ -15,6 +15,7 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
+from branchdrive.engine.group_failures import GroupFailures
 from branchdrive.engine.judge import judge
 from branchdrive.engine.tally import Tally
 from branchdrive.raw.canonical_choice import select_candidates
@@ -57,9 +58,22 @@ def examine(
     claimed = {rule_id: tally for rule_id, tally in tallies.items() if tally.is_claimed}
     in_scope = {scope: [r for r in rules_of(scope) if r in claimed] for scope in ("rows", "rollout", "group")}
 
+    failures = GroupFailures(view)
+
+    def note_rows(rule_id: str, check: Check) -> None:
+        failures.note_first(rule_id, check, _owner(view, check), partial(_of_rows, view))
+
+    def note_rollouts(rule_id: str, check: Check) -> None:
+        failures.note_first(rule_id, check, check.bad, partial(_of_rollouts, view))
+
+    def note_groups(rule_id: str, check: Check) -> None:
+        failures.note_first_of_groups(rule_id, check, partial(_of_groups, view))
+
     for rule_id in in_scope["rows"]:
-        bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place)
+        each = partial(note_rows, rule_id) if _excludes(rule_id) else None
+        bad = judge(claimed[rule_id], partial(RULES[rule_id], view), partial(_of_rows, view), place=place, each=each)
         failed = _any((_rollouts(view, check) for check in bad), view.num_rollouts)
+        failures.note_attempts(rule_id, failed)
         if failed.any() and _excludes(rule_id):
             result.failed[rule_id] = failed
     for rule_id, ids, refused in (
@@ -68,15 +82,20 @@ def examine(
     ):
         if refused:
             result.failed[rule_id] = np.array([name in refused for name in ids], bool)
+            failures.note_attempts(rule_id, result.failed[rule_id])
     broken = result.broken = _any(result.failed.values(), view.num_rollouts)
 
     for rule_id in in_scope["rollout"]:
         subjects = ~broken if rule_id == ATTEMPT_IS_COMPLETE else view.complete & ~broken
         requires = (result.failed[other] for other in CATALOGUE[rule_id].requires if other in result.failed)
         subjects = subjects & ~_any(requires, view.num_rollouts)
-        bad = judge(claimed[rule_id], partial(RULES[rule_id], view, subjects), partial(_of_rollouts, view), place=place)
+        each = partial(note_rollouts, rule_id) if _excludes(rule_id) else None
+        judged = partial(RULES[rule_id], view, subjects)
+        bad = judge(claimed[rule_id], judged, partial(_of_rollouts, view), place=place, each=each)
+        failed = _any((_marked(check.bad, view.num_rollouts) for check in bad), view.num_rollouts)
+        failures.note_attempts(rule_id, failed)
         if bad and _excludes(rule_id):
-            result.failed[rule_id] = _any((_marked(check.bad, view.num_rollouts) for check in bad), view.num_rollouts)
+            result.failed[rule_id] = failed
 
     result.complies = view.complete & ~_any(result.failed.values(), view.num_rollouts)
     selection = result.selection = select_candidates(view, result.complies)
@@ -85,10 +104,14 @@ def examine(
     touched |= np.array([group_id in scattered_groups for group_id in view.group_ids], bool)
     for rule_id in in_scope["group"]:
         tally = claimed[rule_id]
-        bad = judge(tally, partial(RULES[rule_id], view, selection, ~touched), partial(_of_groups, view), place=place)
+        each = partial(note_groups, rule_id) if CATALOGUE[rule_id].stage else None
+        judged = partial(RULES[rule_id], view, selection, ~touched)
+        bad = judge(tally, judged, partial(_of_groups, view), place=place, each=each)
+        failed = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
+        failures.note_groups(rule_id, failed)
         if not tally.errors and CATALOGUE[rule_id].stage:
-            result.failed_groups[rule_id] = _any((_marked(check.bad, num_groups) for check in bad), num_groups)
-    result.outcomes = group_outcomes(view, selection, result.failed, result.failed_groups)
+            result.failed_groups[rule_id] = failed
+    result.outcomes = failures.told(group_outcomes(view, selection, result.failed, result.failed_groups))
     return tallies, result
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -13,7 +13,7 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.engine.finding import Finding
 from branchdrive.raw.funnel import STAGES, GroupOutcome
 
-__all__ = ["GroupResult"]
+__all__ = ["GroupResult", "detail_of", "hint_of"]
 
 FirstFindings: TypeAlias = Mapping[tuple[str | None, str], Finding]
 _NO_FINDINGS: FirstFindings = MappingProxyType({})
@@ -39,27 +39,39 @@ class GroupResult:
         rules: Rules that it fails there, causes before their consequences.
         reason: What it lacks in words, what was expected and found, after what may be the cause where its findings
             tell; empty where it qualifies.
+        further: Rules that it or attempts of it fail beside these, wherever they would cost it, in the same order.
+        detail: The part of the reason that tells what was expected and found.
     """
 
     group_id: str
     stage: str | None
     rules: tuple[str, ...]
     reason: str
+    further: tuple[str, ...] = ()
+    detail: str = ""
 
     @classmethod
     def of(cls, outcome: GroupOutcome, findings: FirstFindings = _NO_FINDINGS) -> GroupResult:
-        """Result of a group from its outcome in the funnel, and from the first kept finding of each group and rule."""
+        """Result of a group from its outcome in the funnel, and from the first kept finding of each group and rule.
+
+        What the outcome tells itself comes first: findings that a report keeps are those of the first groups alone.
+        """
         group_id = printable(outcome.group_id[:128])
         if outcome.lost_at is None:
             return cls(group_id, None, (), "")
         rules = tuple(sorted(outcome.rules, key=cause_order))
         if not outcome.is_branched:
             return cls(group_id, STAGES[outcome.lost_at], rules, _NO_BRANCH)
-        reason = f"does not hold: {CATALOGUE[rules[0]].title}"
-        if first := findings.get((group_id, rules[0])):
-            column = f", in {first.location['column']}" if "column" in first.location else ""
-            reason += f"{column}: expected {_shortened(first.expected)}, found {_shortened(first.found)}"
-        return cls(group_id, STAGES[outcome.lost_at], rules, "; ".join([*_causes(group_id, findings), reason]))
+        detail = outcome.detail or detail_of(outcome, findings)
+        copy = next((findings[group_id, rule] for rule in _COPIES if (group_id, rule) in findings), None)
+        parts = [
+            "" if copy is None else f"repeats another group, {_shortened(copy.found)}",
+            outcome.hint or hint_of(group_id, findings),
+            f"does not hold: {CATALOGUE[rules[0]].title}{detail}",
+        ]
+        costly = (rule for rule, _ in outcome.failed if CATALOGUE[rule].kind in ("structure", "qualification"))
+        further = tuple(sorted({*costly} - {*rules}, key=cause_order))
+        return cls(group_id, STAGES[outcome.lost_at], rules, "; ".join(filter(None, parts)), further, detail)
 
     @property
     def qualifies(self) -> bool:
@@ -74,24 +86,30 @@ class GroupResult:
             "stage": self.stage,
             "rules": list(self.rules),
             "reason": self.reason,
+            "further": list(self.further),
         }
 
 
-def _causes(group_id: str, findings: FirstFindings) -> Iterator[str]:
-    """What findings of several rules together say of a group, in words."""
-    copy = next((findings[group_id, rule] for rule in _COPIES if (group_id, rule) in findings), None)
-    if copy is not None:
-        yield f"repeats another group, {_shortened(copy.found)}"
+def detail_of(outcome: GroupOutcome, findings: FirstFindings) -> str:
+    """Column, and what was expected and found, of the first rule that costs a group; empty where it is not kept."""
+    group_id, rule_id = printable(outcome.group_id[:128]), min(outcome.rules, key=cause_order)
+    if (first := findings.get((group_id, rule_id))) is None:
+        return ""
+    column = f", in {first.location['column']}" if "column" in first.location else ""
+    return f"{column}: expected {_shortened(first.expected)}, found {_shortened(first.found)}"
+
+
+def hint_of(group_id: str, findings: FirstFindings) -> str:
+    """What findings of several rules together say of a group, in words; empty where they say nothing."""
     jump, evidence = (findings.get((group_id, rule)) for rule in (_JUMP, _SEPARATION))
     if jump is None or evidence is None or jump.count > 1:
-        return
+        return ""
     tick = jump.location.get("tick")
     if tick is None or tick != evidence.location.get("tick"):
-        return
+        return ""
     if tick == OBSERVATION_STRIDE_TICKS:
-        yield "its observations may be late against its actors, which they do not fit from the first step on"
-    else:
-        yield f"the ego from tick {tick} on may be of another drive: it jumps there, and its actors do not"
+        return "its observations may be late against its actors, which they do not fit from the first step on"
+    return f"the ego from tick {tick} on may be of another drive: it jumps there, and its actors do not"
 
 
 def _shortened(text: str) -> str:

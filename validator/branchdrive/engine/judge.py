@@ -27,6 +27,7 @@ def judge(
     mismatches: Callable[[Check], Iterable[Mismatch]] = plain_mismatches,
     *,
     place: str = "",
+    each: Callable[[Check], None] | None = None,
 ) -> list[Check]:
     """Run a rule and count its checks; what a rule cannot judge, and how it fails, is noted in its tally.
 
@@ -35,6 +36,7 @@ def judge(
         checks: Calls the rule.
         mismatches: Mismatches of a check with whole locations, in order; as many are made as the tally can keep.
         place: Where the rule runs, for the text of a failure.
+        each: Called with every check that has subjects that mismatch.
 
     Returns:
         Checks with subjects that mismatch.
@@ -49,6 +51,8 @@ def judge(
                 bad.append(check)
                 room = MAX_FINDINGS_PER_RULE - len(tally.findings)
                 tally.keep([Finding.of(tally.rule_id, found) for found in islice(mismatches(check), max(room, 0))])
+                if each is not None:
+                    each(check)
     except PreconditionError as reason:
         tally.unjudged = str(reason)
     except MemoryError:

@@ -13,6 +13,7 @@ from branchdrive.contract.resources import SPEC_VERSION
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted, listed, quote
 from branchdrive.engine.cache import CacheUse
+from branchdrive.engine.cause import NO_CAUSES, Causes
 from branchdrive.engine.finding import Finding, location_text
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.response_summary import ResponseSummary
@@ -101,6 +102,7 @@ class Report:
         population: The stored population of a release by partition; ``None`` without one that recomputes.
         errors: Failures of the tool itself.
         cached: What earlier runs judged; ``None`` without a cache.
+        causes: Which rules to look at first, and which may fail because of them.
     """
 
     verdict: Verdict
@@ -114,6 +116,7 @@ class Report:
     errors: tuple[str, ...]
     validator_version: str
     cached: CacheUse | None = None
+    causes: Causes = NO_CAUSES
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -278,6 +281,7 @@ class Report:
                 }
                 for tally in self.tallies
             ],
+            "causes": self.causes.to_json(),
             "findings": [finding.to_json() for finding in self.findings],
             "funnel": None if self.funnel is None else {"basis": FUNNEL_BASIS, **self.funnel.to_json()},
             "groups": None if self.groups is None else [group.to_json() for group in self.groups],

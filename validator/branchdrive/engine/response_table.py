@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from branchdrive.contract.rule import cause_order
+from branchdrive.contract.text import counted
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive.engine.response_summary import Effect, ResponseSummary
 from branchdrive.text.table import Column, Table
 
-__all__ = ["response_table"]
+if TYPE_CHECKING:
+    from branchdrive.engine.report import Report
+
+__all__ = ["response_doubt", "response_table"]
+
+_DOUBTS = ("BD-MOT-001", "BD-MOT-002", "BD-MOT-006", "BD-RSP-006", "BD-RSP-007")
+"""Rules whose failure says that positions, speeds or headings, which effects are computed from, may be wrong."""
 
 _NOTE = (
     "Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over"
@@ -33,6 +43,26 @@ def response_table(response: ResponseSummary) -> Table:
     ]
     title = f"Action response: against nominal, {ACTIVE_TICKS * TICK_S:g} s after the branch"
     return Table(title, columns, rows, notes=[_NOTE])
+
+
+def response_doubt(report: Report) -> str:
+    """Why the columns that effects are computed from are themselves in doubt, one sentence; empty where they are not.
+
+    Args:
+        report: The report that the responses are of.
+    """
+    failed = {tally.rule_id for tally in report.tallies if tally.num_findings and tally.rule_id in _DOUBTS}
+    outcomes = () if report.funnel is None else report.funnel.outcomes
+    doubtful = [failed.intersection(rule_id for rule_id, _ in outcome.failed) for outcome in outcomes]
+    num_groups = len(doubtful) if any(r.startswith("BD-RSP") for r in failed) else sum(map(bool, doubtful))
+    if not num_groups:
+        return ""
+    verb = "fails" if len(failed) == 1 else "fail"
+    return (
+        f"In doubt: {', '.join(sorted(failed, key=cause_order))} {verb} in {num_groups:,} of "
+        f"{counted(len(doubtful), 'group')}, so their positions, speeds or headings may be in other units or of other "
+        "ticks, and these means mix them with what is right."
+    )
 
 
 def _seconds(first_response: float) -> str:

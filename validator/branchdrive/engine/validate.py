@@ -19,6 +19,7 @@ from branchdrive.contract.media import MediaMode
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.contract.text import printable
 from branchdrive.engine.cache import Cache, CacheUse, caching, is_url, open_kept
+from branchdrive.engine.cause import find_causes
 from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
 from branchdrive.engine.judge import judge
@@ -167,6 +168,7 @@ def validate(
         tuple(errors + rule_errors),
         own_version(),
         use,
+        find_causes(tallies, results),
     )
 
 

@@ -91,12 +91,19 @@ class GroupOutcome:
         is_branched: Whether an attempt of it has a branch; a seed without one is a drive on which nothing happened.
         lost_at: Stage at which it is lost; ``None`` if none.
         rules: Rules that it fails there.
+        failed: Every rule that it or attempts of it fail, with how many attempts that are, 0 where the rule is on
+            groups; attempts that stand for no candidate count too.
+        detail: What was expected and found where it first fails the first of `rules`, in words; empty if unknown.
+        hint: What findings of several rules together say of it, in words; empty where they say nothing.
     """
 
     group_id: str
     is_branched: bool = True
     lost_at: str | None = None
     rules: tuple[str, ...] = ()
+    failed: tuple[tuple[str, int], ...] = ()
+    detail: str = ""
+    hint: str = ""
 
     @property
     def is_integrity_complete(self) -> bool:

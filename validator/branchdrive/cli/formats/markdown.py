@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from branchdrive.cli.formats.causes import causes_text
+from branchdrive.cli.formats.causes import CAUSES_HEAD
 from branchdrive.cli.formats.outcome import RULE_EXPLAINED, Failure, Outcome
 from branchdrive.cli.funnel import funnel_table, lost_groups_table, no_funnel
 from branchdrive.contract.text import counted
@@ -30,6 +30,7 @@ def render(report: Report) -> str:
     outcome = Outcome.of(report, FINDINGS_SHOWN)
     lines = [
         *_head_lines(report, outcome),
+        *_cause_lines(outcome),
         *_rule_lines(outcome),
         *_funnel_lines(report),
         *_waiver_lines(outcome),
@@ -39,7 +40,7 @@ def render(report: Report) -> str:
 
 def _head_lines(report: Report, outcome: Outcome) -> Iterator[str]:
     facts = report.dataset
-    sign = "❌" if outcome.refusals else _SIGNS[report.verdict]
+    sign = "❌" if outcome.refusals else "⚠️" if outcome.cautions else _SIGNS[report.verdict]
     yield f"# {sign} BranchDrive: {outcome.headline}"
     yield ""
     name = f"{facts.dataset_id} {facts.dataset_version}" if facts.dataset_id else "dataset with an unusable descriptor"
@@ -50,10 +51,22 @@ def _head_lines(report: Report, outcome: Outcome) -> Iterator[str]:
     yield ""
     for refusal in outcome.refusals:
         yield f"- **{refusal}**"
+    for caution in outcome.cautions:
+        yield f"- **{caution}**"
     for condition in report.conditions:
         yield f"- {code_span(condition)}"
     for message in report.errors:
         yield f"- the tool failed: {code_span(message)}"
+
+
+def _cause_lines(outcome: Outcome) -> Iterator[str]:
+    if outcome.causes:
+        yield from ("", f"## {CAUSES_HEAD}", "")
+    for cause in outcome.causes:
+        name = f"[{cause.info.id}]({cause.info.url})" if cause.info.url else cause.info.id
+        found = f" {code_span(cause.found)}." if cause.found else ""
+        follows = f" {cause.follows[0].upper()}{cause.follows[1:]}." if cause.follows else ""
+        yield f"- **{name}** {code_span(cause.title)}: {code_span(cause.where)}.{found}{follows} To do: {cause.remedy}"
 
 
 def _rule_lines(outcome: Outcome) -> Iterator[str]:
@@ -77,8 +90,8 @@ def _failure_lines(failure: Failure) -> Iterator[str]:
         yield f"  expected {code_span(place.expected)}, found {code_span(place.found)}"
     if failure.num_left > 0:
         yield f"- ... and {failure.num_left:,} more"
-    if failure.causes:
-        yield from ("", f"This {causes_text(failure.causes)}.")
+    if failure.follows:
+        yield from ("", f"This {failure.follows}.")
     if failure.remedy:
         yield from ("", f"To do: {failure.remedy}")
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple, Self
 
-from branchdrive.cli.formats.causes import causes
+from branchdrive.cli.formats.causes import CauseText, cause_texts, causes_text
 from branchdrive.cli.funnel import NO_GROUPS
 from branchdrive.contract.rule import RuleInfo, cause_order
 from branchdrive.contract.text import counted
@@ -20,10 +20,11 @@ from branchdrive.engine.report import Report
 from branchdrive.engine.tally import Tally
 from branchdrive.engine.verdict import Verdict, is_waived
 from branchdrive.engine.waiver import Waiver, WaiverOutcome
+from branchdrive.text.brief import brief
 
 __all__ = [
-    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "failures", "folded", "headline",
-    "level_of", "refusals", "sizes", "summary", "unjudged", "verdict_level", "violations", "waiver_text",
+    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "cautions", "failures", "folded",
+    "headline", "level_of", "refusals", "sizes", "summary", "unjudged", "verdict_level", "violations", "waiver_text",
     "with_companions",
 ]  # fmt: skip
 
@@ -83,7 +84,7 @@ class Failure(NamedTuple):
         summary: What became of it.
         places: The first places, those that say the same together.
         num_left: Violations at no place of these.
-        causes: Rules that may be why it fails.
+        follows: How far it may follow from other rules, in words; empty where it does not.
         remedy: What to do; empty where it is waived.
     """
 
@@ -92,7 +93,7 @@ class Failure(NamedTuple):
     summary: str
     places: tuple[Place, ...]
     num_left: int
-    causes: tuple[str, ...]
+    follows: str
     remedy: str
 
 
@@ -106,6 +107,8 @@ class Outcome:
         sizes: How many groups and rollouts there are.
         companions: How many names beside the dataset were not looked at, to stand behind what it holds.
         refusals: What the caller's own demands refuse.
+        cautions: What the verdict does not say, and a reader may take it to say.
+        causes: What to look at first, in words.
         sections: Rules that failed by how grave that is, the gravest first, each with a head.
         unjudged: What kept rules from a judgement.
         waivers: Each waiver with what became of it.
@@ -116,6 +119,8 @@ class Outcome:
     sizes: str
     companions: str
     refusals: tuple[str, ...]
+    cautions: tuple[str, ...]
+    causes: tuple[CauseText, ...]
     sections: tuple[tuple[Level, str, tuple[Failure, ...]], ...]
     unjudged: tuple[str, ...]
     waivers: tuple[tuple[Waiver, str], ...]
@@ -132,6 +137,8 @@ class Outcome:
             sizes(report),
             with_companions(report),
             tuple(refusals(report)),
+            tuple(cautions(report)),
+            tuple(cause_texts(report)),
             tuple((level, _HEADS[level], tuple(rules)) for level, rules in found.items() if rules),
             tuple(unjudged(report)),
             tuple((outcome.waiver, waiver_text(outcome, report)) for outcome in report.waivers),
@@ -147,7 +154,7 @@ def _failure(tally: Tally, report: Report, num_places: int) -> Failure:
         summary(tally),
         tuple(map(_place, parts)),
         left if tally.findings else 0,
-        tuple(causes(tally, report)) if has_failed else (),
+        causes_text(tally, report) if has_failed else "",
         tally.info.remedy if has_failed and not is_waived(tally) else "",
     )
 
@@ -155,7 +162,7 @@ def _failure(tally: Tally, report: Report, num_places: int) -> Failure:
 def _place(part: Sequence[Finding]) -> Place:
     finding = part[0]
     more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
-    return Place(location_text(finding.location), more, finding.expected, finding.found)
+    return Place(location_text(finding.location), more, *brief(finding.expected, finding.found))
 
 
 def headline(report: Report) -> str:
@@ -179,8 +186,26 @@ def sizes(report: Report) -> str:
 
 
 def verdict_level(report: Report) -> Level:
-    """How grave the verdict is; where the exit code refuses a valid dataset, as grave as an invalid one."""
-    return "error" if refusals(report) else _VERDICT_LEVEL[report.verdict]
+    """How grave the verdict is.
+
+    Where the exit code refuses a valid dataset it is as grave as of an invalid one, and a warning where none of its
+    groups can be used.
+    """
+    if refusals(report):
+        return "error"
+    level = _VERDICT_LEVEL[report.verdict]
+    return "warning" if level == "note" and cautions(report) else level
+
+
+def cautions(report: Report) -> list[str]:
+    """What the verdict does not say, and a reader may take it to say, one sentence each."""
+    is_accepted = report.exit_code == 0 and not report.is_of_drives
+    if not is_accepted or report.num_qualified != 0 or report.options.require_groups is not None:
+        return []
+    return [
+        "No branch group qualifies: the files are as they must be, and none of the groups in them can be used. "
+        "The exit code says nothing of that; with `--require-groups N` it is 1 where fewer than N groups qualify."
+    ]
 
 
 def refusals(report: Report) -> list[str]:

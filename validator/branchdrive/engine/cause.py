@@ -1,0 +1,366 @@
+"""Causes and what may follow from them: which rules to look at first, where they fail, and how far they explain others.
+
+What is recomputed from a wrong column differs from what is recorded, and what is expected there is the wrong one. So
+a rule that recomputes may fail in a group because of another rule that fails in the same group, or in the dataset as a
+whole; one that nothing explains is a cause. Source: spec/07-rules.md#report.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from branchdrive.contract.rule import CATALOGUE, RuleInfo, cause_order
+from branchdrive.contract.text import printable
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.tally import Tally
+
+if TYPE_CHECKING:
+    from branchdrive.engine.shard import ShardResult
+
+__all__ = ["NO_CAUSES", "Cause", "Causes", "Consequence", "Extent", "Following", "find_causes"]
+
+MAX_NAMED_GROUPS = 5
+"""Groups of a shard that an extent names."""
+
+MAX_SHARDS = 100
+"""Shards that a cause lists."""
+
+_UNIT = ("BD-RSP-007", "BD-MOT-006")
+"""Rules whose findings name a wrong unit, sign or clock, in the dataset and in an attempt."""
+
+_MOTION = (
+    "BD-GRP-009", "BD-GRP-010", "BD-MOT-006", "BD-MOT-001", "BD-BOX-001", "BD-BOX-002", "BD-BOX-003", "BD-RSP-001",
+    "BD-RSP-006", "BD-RSP-007",
+)  # fmt: skip
+"""Rules of which a failure tells of the future of another action, of a wrong unit, sign, clock or size."""
+
+_BOXES = "BD-EVD-001"
+"""The rule on separation, which takes boxes alone: where it fails, what takes boxes and velocities does too."""
+
+_POSSIBLE: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "BD-TAB-004": ("BD-LAY-001",),
+        "BD-MOT-001": _UNIT,
+        "BD-MOT-006": _UNIT[:1],
+        "BD-EVD-002": (*_MOTION, _BOXES),
+        "BD-EVD-003": (*_MOTION, _BOXES),
+        **dict.fromkeys(("BD-EVD-001", "BD-MOT-003", "BD-RPN-003", "BD-ACT-004", "BD-RSP-016"), _MOTION),
+    }
+)
+"""Rules that may be why a rule fails."""
+
+_BESIDE = ("BD-LAY-009",)
+"""Rules on what lies beside a dataset, which explain nothing in it."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Where in a shard a cause is.
+
+    Attributes:
+        shard: Name of the shard.
+        groups: The first groups that fail the rule and where nothing explains that, safe to print.
+        last: The last of them.
+        num_groups: How many.
+        of_groups: Groups of the shard.
+        num_attempts: Attempts that fail it in these groups; 0 for a rule on groups.
+        of_attempts: Attempts of the shard.
+    """
+
+    shard: str
+    groups: tuple[str, ...]
+    last: str
+    num_groups: int
+    of_groups: int
+    num_attempts: int
+    of_attempts: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every group of the shard is one of these."""
+        return self.num_groups == self.of_groups
+
+    def to_json(self) -> dict[str, Any]:
+        """As the report schema has it."""
+        return {
+            "shard": self.shard,
+            "groups": list(self.groups),
+            "num_groups": self.num_groups,
+            "of_groups": self.of_groups,
+            "num_attempts": self.num_attempts,
+            "of_attempts": self.of_attempts,
+        }
+
+
+@dataclass(frozen=True)
+class Consequence:
+    """A rule that may fail because of a cause, as far as it does where the cause is.
+
+    Attributes:
+        rule_id: The rule.
+        num_groups: Groups in which it fails and the cause may be why; 0 where it is not about single ones.
+        num_attempts: Attempts of them that fail it; 0 for a rule on groups.
+    """
+
+    rule_id: str
+    num_groups: int
+    num_attempts: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As the report schema has it."""
+        return {"rule": self.rule_id, "num_groups": self.num_groups, "num_attempts": self.num_attempts}
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A rule that fails where no other explains it.
+
+    Attributes:
+        rule_id: The rule.
+        columns: Columns that its kept findings there name, sorted.
+        first: The first kept finding there; ``None`` where none is kept.
+        extents: Shards with groups where it is, in order, at most `MAX_SHARDS`; none where it is not about groups.
+        num_shards: Shards with groups where it is.
+        of_shards: Shards of the dataset.
+        num_groups: Groups where it is.
+        num_attempts: Attempts that fail it there; 0 for a rule on groups.
+        is_everywhere: Whether it is in every group of the dataset.
+        consequences: What may follow from it, causes before their consequences.
+        together: Other causes that are in all of its groups.
+    """
+
+    rule_id: str
+    columns: tuple[str, ...] = ()
+    first: Finding | None = None
+    extents: tuple[Extent, ...] = ()
+    num_shards: int = 0
+    of_shards: int = 0
+    num_groups: int = 0
+    num_attempts: int = 0
+    is_everywhere: bool = False
+    consequences: tuple[Consequence, ...] = ()
+    together: tuple[str, ...] = ()
+
+    @property
+    def info(self) -> RuleInfo:
+        """The rule's catalogue entry."""
+        return CATALOGUE[self.rule_id]
+
+    def to_json(self) -> dict[str, Any]:
+        """As the report schema has it."""
+        return {
+            "rule": self.rule_id,
+            "title": self.info.title,
+            "columns": list(self.columns),
+            "expected": None if self.first is None else self.first.expected,
+            "found": None if self.first is None else self.first.found,
+            "num_shards": self.num_shards,
+            "num_groups": self.num_groups,
+            "num_attempts": self.num_attempts,
+            "shards": [extent.to_json() for extent in self.extents],
+            "consequences": [consequence.to_json() for consequence in self.consequences],
+            "together": list(self.together),
+            "remedy": self.info.remedy,
+        }
+
+
+@dataclass(frozen=True)
+class Following:
+    """How far the failure of a rule may follow from causes.
+
+    Attributes:
+        causes: The causes, first causes first, each with the attempts, or groups for a rule on groups, that fail it
+            where it is; 0 where the rule is not about single groups.
+        num_explained: Attempts, or groups for a rule on groups, that fail it where one of them is; ``None`` where the
+            rule, or a cause of all of it, is not about single groups.
+        num_failed: Attempts or groups that fail it.
+    """
+
+    causes: tuple[tuple[str, int], ...]
+    num_explained: int | None
+    num_failed: int
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What to look at first, and what may follow from it.
+
+    Attributes:
+        first: The causes: of the dataset as a whole, then by the number of groups where they are.
+        following: Rules that may fail because of others.
+    """
+
+    first: tuple[Cause, ...] = ()
+    following: Mapping[str, Following] = field(default_factory=dict)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """As the report schema has it."""
+        return [cause.to_json() for cause in self.first]
+
+
+NO_CAUSES = Causes()
+
+
+@dataclass
+class _Totals:
+    """What a pass over the groups adds up for one rule where nothing explains it."""
+
+    extents: list[Extent] = field(default_factory=list)
+    num_shards: int = 0
+    num_groups: int = 0
+    num_attempts: int = 0
+    names: set[str] = field(default_factory=set)
+    together: set[str] | None = None
+    groups_of: Counter[str] = field(default_factory=Counter)
+    attempts_of: Counter[str] = field(default_factory=Counter)
+
+
+def find_causes(tallies: Mapping[str, Tally], shards: Sequence[ShardResult]) -> Causes:
+    """Causes of the rules that fail, by the groups in which they do.
+
+    Args:
+        tallies: One per rule, over the whole dataset.
+        shards: What became of every shard.
+    """
+    failed = {rule_id: tally for rule_id, tally in tallies.items() if tally.num_findings}
+    relation = _Relation(failed)
+    causes: dict[str, _Totals] = {}
+    following: dict[str, Counter[str]] = {}
+    explained: Counter[str] = Counter()
+    counted: Counter[str] = Counter()
+    for shard in shards:
+        found: dict[str, list[tuple[str, int]]] = {}
+        for outcome in shard.funnel.outcomes:
+            numbers = {rule_id: number for rule_id, number in outcome.failed if rule_id in failed}
+            causes_of = relation.causes_in(tuple(numbers))
+            here = {rule_id for rule_id, roots in causes_of.items() if not roots}
+            for rule_id, roots in causes_of.items():
+                counted[rule_id] += numbers[rule_id] or 1
+                if roots:
+                    explained[rule_id] += numbers[rule_id] or 1
+                for root in roots:
+                    following.setdefault(rule_id, Counter())[root] += numbers[rule_id] or 1
+                    totals = causes.setdefault(root, _Totals())
+                    totals.groups_of[rule_id] += 1
+                    totals.attempts_of[rule_id] += numbers[rule_id]
+            for rule_id in here:
+                found.setdefault(rule_id, []).append((printable(outcome.group_id[:128]), numbers[rule_id]))
+                totals = causes.setdefault(rule_id, _Totals())
+                totals.together = here - {rule_id} if totals.together is None else totals.together & here
+        for rule_id, groups in found.items():
+            _add_extent(causes[rule_id], shard, groups)
+    for rule_id in failed:
+        if not counted[rule_id]:  # it is about no single group
+            roots = relation.causes_of_dataset(rule_id)
+            totals = causes.setdefault(rule_id, _Totals()) if not roots else _Totals()
+            totals.together = totals.together or set()
+            for root in roots:
+                following.setdefault(rule_id, Counter())[root] = 0
+                causes.setdefault(root, _Totals()).groups_of.setdefault(rule_id, 0)
+    num_groups = sum(len(shard.funnel.outcomes) for shard in shards)
+    first = [_cause(failed[rule_id], totals, len(shards), num_groups) for rule_id, totals in causes.items()]
+    return Causes(
+        tuple(sorted(first, key=_cause_place)),
+        {
+            rule_id: Following(
+                tuple((root, roots[root]) for root in sorted(roots, key=cause_order)),
+                explained[rule_id] if counted[rule_id] else None,
+                counted[rule_id],
+            )
+            for rule_id, roots in following.items()
+        },
+    )
+
+
+class _Relation:
+    """Which failed rules may be why others fail.
+
+    Args:
+        failed: Tallies of the rules that fail.
+    """
+
+    def __init__(self, failed: Mapping[str, Tally]) -> None:
+        self._dataset = {rule_id for rule_id, tally in failed.items() if tally.info.scope == "dataset"}
+        # What says that nearly all attempts fail a rule follows from it, and explains nothing itself.
+        self._named = {rule_id: _named(failed[rule_id], failed) for rule_id in self._dataset}
+        self._known: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {}
+        self._failed = tuple(failed)
+
+    def causes_in(self, rules: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
+        """Causes of each of the rules that fail in one group; none for those that are causes there."""
+        if rules not in self._known:
+            present = {*rules, *self._dataset}
+            self._known[rules] = {rule_id: self._roots(rule_id, present) for rule_id in rules}
+        return self._known[rules]
+
+    def causes_of_dataset(self, rule_id: str) -> tuple[str, ...]:
+        """Causes of a rule that is about no single group."""
+        return self._roots(rule_id, {*self._failed})
+
+    def _parents(self, rule_id: str, present: set[str]) -> list[str]:
+        possible = (*_POSSIBLE.get(rule_id, ()), *self._named.get(rule_id, ()))
+        return [other for other in possible if other in present and not self._named.get(other)]
+
+    def _roots(self, rule_id: str, present: set[str]) -> tuple[str, ...]:
+        roots, seen, waiting = set(), {rule_id}, self._parents(rule_id, present)
+        while waiting:
+            other = waiting.pop()
+            if other in seen:
+                continue
+            seen.add(other)
+            parents = self._parents(other, present)
+            waiting += parents
+            if not parents:
+                roots.add(other)
+        return tuple(sorted(roots, key=cause_order))
+
+
+def _named(tally: Tally, failed: Iterable[str]) -> tuple[str, ...]:
+    """Failed rules of which all findings of a rule of the dataset say that nearly all attempts fail them."""
+    named = {finding.expected[:10] for finding in tally.findings}
+    return tuple(sorted(named)) if named and named <= {*failed} else ()
+
+
+def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str, int]]) -> None:
+    num_attempts = sum(number for _, number in groups)
+    totals.num_shards += 1
+    totals.num_groups += len(groups)
+    totals.num_attempts += num_attempts
+    totals.names.update(name for name, _ in groups)
+    if len(totals.extents) < MAX_SHARDS:
+        first = tuple(name for name, _ in groups[:MAX_NAMED_GROUPS])
+        sizes = len(groups), len(shard.funnel.outcomes), num_attempts, len(shard.rollout_ids)
+        totals.extents.append(Extent(shard.folder.rpartition("/")[2], first, groups[-1][0], *sizes))
+
+
+def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
+    findings = [f for f in tally.findings if not totals.names or f.group_id in totals.names]
+    return Cause(
+        tally.rule_id,
+        tuple(sorted({str(f.location["column"]) for f in findings if "column" in f.location})),
+        findings[0] if findings else None,
+        tuple(totals.extents),
+        totals.num_shards,
+        num_shards,
+        totals.num_groups,
+        totals.num_attempts,
+        bool(totals.num_groups) and totals.num_groups == num_groups,
+        tuple(_consequences(totals)),
+        tuple(sorted(totals.together or (), key=cause_order)),
+    )
+
+
+def _consequences(totals: _Totals) -> Iterator[Consequence]:
+    for rule_id in sorted(totals.groups_of, key=cause_order):
+        yield Consequence(rule_id, totals.groups_of[rule_id], totals.attempts_of[rule_id])
+
+
+def _cause_place(cause: Cause) -> tuple[bool, bool, int, tuple[int, int, int]]:
+    """Sort key of causes: what decides or costs groups first, the whole dataset before parts of it, then by groups."""
+    is_beside = cause.rule_id in _BESIDE
+    is_hint = cause.info.level == "SHOULD" or cause.info.kind == "diagnostic"
+    return (is_beside or is_hint, cause.num_groups > 0, -cause.num_groups, cause_order(cause.rule_id))

@@ -1,0 +1,94 @@
+"""What the rules of a shard find in each of its groups: how many attempts fail which, and what was found there first.
+
+Findings of a rule are capped over the whole dataset; what tells a group why it does not qualify is kept beside them,
+one finding for each group and rule, so that the reason of a group does not depend on how many others fail.
+Source: spec/07-rules.md#report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.text import printable
+from branchdrive.engine.finding import Finding
+from branchdrive.engine.group_result import detail_of, hint_of
+from branchdrive.raw.funnel import GroupOutcome
+from branchdrive.raw.shard_view import ShardView
+
+__all__ = ["MAX_TOLD", "GroupFailures"]
+
+MAX_TOLD = 1024
+"""Groups of a shard of which the first finding of a rule is kept: memory is bounded whatever a shard holds."""
+
+
+class GroupFailures:
+    """Failures of the rules of a shard by group.
+
+    Args:
+        view: The shard.
+    """
+
+    def __init__(self, view: ShardView) -> None:
+        self._group, self._ids = view.group, [printable(name[:128]) for name in map(str, view.group_ids)]
+        self._attempts: dict[str, NDArray[np.int64]] = {}
+        self._groups: dict[str, Mask] = {}
+        self._first: dict[tuple[str | None, str], Finding] = {}
+
+    def note_attempts(self, rule_id: str, failed: Mask) -> None:
+        """Attempts fail a rule ``[rollouts]``."""
+        if failed.any():
+            self._attempts[rule_id] = np.bincount(self._group[failed], minlength=len(self._ids))
+
+    def note_groups(self, rule_id: str, failed: Mask) -> None:
+        """Groups fail a rule ``[groups]``."""
+        if failed.any():
+            self._groups[rule_id] = failed
+
+    def note_first(
+        self, rule_id: str, check: Check, owner: NDArray[np.intp], mismatches: Callable[[Check], Iterable[Mismatch]]
+    ) -> None:
+        """Keep the first finding of each group.
+
+        Args:
+            rule_id: The rule.
+            check: Its check.
+            owner: Attempt of each bad subject, -1 where there is none, ``[bad]``.
+            mismatches: Mismatches of a check with whole locations, one for each attempt, in order.
+        """
+        places = np.flatnonzero(owner >= 0)
+        groups, first = np.unique(self._group[owner[places]], return_index=True)
+        order = np.argsort(first)[:MAX_TOLD]
+        # All bad rows of the first attempt of each group, so that the finding counts them.
+        chosen = np.isin(owner, owner[places[first[order]]])
+        found = mismatches(replace(check, bad=check.bad[chosen]))
+        for group, mismatch in zip(groups[order].tolist(), found, strict=False):
+            self._first.setdefault((self._ids[group], rule_id), Finding.of(rule_id, mismatch))
+
+    def note_first_of_groups(
+        self, rule_id: str, check: Check, mismatches: Callable[[Check], Iterable[Mismatch]]
+    ) -> None:
+        """Keep the finding of each group of a rule on groups."""
+        told = replace(check, bad=check.bad[:MAX_TOLD])
+        for group, mismatch in zip(told.bad.tolist(), mismatches(told), strict=False):
+            self._first.setdefault((self._ids[group], rule_id), Finding.of(rule_id, mismatch))
+
+    def told(self, outcomes: Iterable[GroupOutcome]) -> list[GroupOutcome]:
+        """The outcomes of the groups of the shard, in order, with all that each fails and what was found there."""
+        same: dict[tuple[tuple[str, int], ...], tuple[tuple[str, int], ...]] = {}  # most groups fail the same
+        texts: dict[str, str] = {}
+        result = []
+        for group, outcome in enumerate(outcomes):
+            failed = [(rule, int(counts[group])) for rule, counts in self._attempts.items() if counts[group]]
+            failed += [(rule, 0) for rule, mask in self._groups.items() if mask[group]]
+            every = same.setdefault(tuple(failed), tuple(failed))
+            detail = hint = ""
+            if outcome.rules and outcome.is_branched:
+                detail, hint = detail_of(outcome, self._first), hint_of(self._ids[group], self._first)
+            detail, hint = (texts.setdefault(text, text) for text in (detail, hint))
+            result.append(replace(outcome, failed=every, detail=detail, hint=hint))
+        return result
