@@ -26,6 +26,8 @@ from branchdrive.errors import UsageError
 from branchdrive.formats.place import Place, open_store
 from branchdrive.formats.store import Store
 from branchdrive.model.reader import open_model
+from branchdrive.pilot.pilot import read_pilot
+from branchdrive.pilot.report import examine_pilot
 from branchdrive.raw.reader import open_dataset
 from branchdrive.runtime.executor import isolated
 
@@ -167,6 +169,14 @@ def test_a_detached_release_and_its_raw_layer_may_be_in_two_places(tmp_path: Pat
     assert found["dataset"].pop("raw_path") == str(raw.at("archive"))
     del expected["dataset"]["raw_path"]
     assert found == expected
+
+
+def test_a_pilot_is_examined_anywhere(raw: Places) -> None:
+    def said(kind: str) -> dict[str, Any]:
+        report = examine_pilot(read_pilot(raw.at(kind)), None, num_kills=1)
+        return {section.name: section.to_json() for section in report.sections if section.name != "cost"}
+
+    assert said("bucket") == said("archive") == said("folder")
 
 
 @pytest.mark.parametrize("kind", KINDS)
