@@ -189,7 +189,7 @@ def _failure(level: Level, failure: Failure) -> dict[str, Any]:
         "shown": [_place(place) for place in places[:_FINDINGS_SHOWN]],
         "further_text": counted(len(places) - _FINDINGS_SHOWN, "more place"),
         "further": [_place(place) for place in places[_FINDINGS_SHOWN:]],
-        "left": f"and {left:,} more violations" if left > 0 else "",
+        "left": f"and {left:,} more violations elsewhere" if left > 0 else "",
         "remedy": failure.remedy,
     }
 

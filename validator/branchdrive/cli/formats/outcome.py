@@ -32,6 +32,9 @@ Level = Literal["error", "warning", "note"]
 
 _RULES_SHOWN = 12
 
+_ON_FOLDERS_TOO = ("BD-LAY-006", "BD-LAY-007", "BD-LAY-009")
+"""Rules on files that examine folders as well, so that they count more than the files of the dataset."""
+
 RULE_EXPLAINED = "`branchdrive rules ID` explains a rule: why it is, its clauses, an example, and what to do"
 """How a reader of a report comes to the page of a rule."""
 
@@ -334,4 +337,7 @@ def with_companions(report: Report) -> str:
 def violations(tally: Tally) -> str:
     """How many subjects of a rule violate it, of how many; a dataset is one, whatever was compared to judge it."""
     found = counted(tally.num_findings, "violation")
-    return found if tally.info.grain == "dataset" else f"{found} in {counted(tally.examined, tally.info.grain)}"
+    if tally.info.grain == "dataset":
+        return found
+    folders = " and folders" if tally.rule_id in _ON_FOLDERS_TOO else ""
+    return f"{found} in {counted(tally.examined, tally.info.grain)}{folders}"
