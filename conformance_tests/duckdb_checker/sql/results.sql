@@ -26,10 +26,37 @@ where lights and run in (
     where light_before = 'red' and was_governed and not traffic_light_available and abs(speed_mps) > $driving_mps
 );
 
+-- Rows of evidence at which the box of a road user overlaps, of whose kind no collision is counted.
+create or replace temp table uncounted_overlap as
+select run, tick, collision, 'vehicle' as kind, nearest_pedestrian_gap_m as other_gap_m
+from evidence e join attempt a using (run) where nearest_vehicle_gap_m = 0 and result_num_vehicle_collisions = 0
+union all
+select run, tick, collision, 'pedestrian', nearest_vehicle_gap_m
+from evidence e join attempt a using (run) where nearest_pedestrian_gap_m = 0 and result_num_pedestrian_collisions = 0;
+
+create or replace temp table overlapped as  -- where it lasts
+with lying as (
+    select run, tick, (run, tick) in (select (run, tick) from uncounted_overlap) as lies_inside from observations
+), lasting as (
+    select run, tick, count(*) filter (lies_inside) over latest = $contact_observations as lasts
+    from lying
+    window latest as (partition by run order by tick rows between cast($contact_observations as bigint) - 1 preceding and current row)
+)
+select run, min(tick) as overlap_tick from lasting where lasts group by run;
+
+create or replace temp table plain_contact as  -- where nobody else who is recorded is near the contact
+select run, kind from uncounted_overlap u join observations o using (run, tick) join attempt a using (run)
+where collision and coalesce(other_gap_m > $contact_reach_m, true) and not exists (
+    from actors c where c.run = u.run and c.tick = u.tick and c.actor_class = 'static'
+        and sqrt(pow(c.x_m - o.x_m, 2) + pow(c.y_m - o.y_m, 2)) <= $contact_reach_m
+            + (sqrt(pow(c.length_m::double, 2) + pow(c.width_m::double, 2))
+                + sqrt(pow(a.ego_length_m::double, 2) + pow(a.ego_width_m::double, 2))) / 2);
+
 -- What attempts count of collisions, and whether evidence tells of all their contacts, or of any.
 create or replace temp table collisions as
 select run, a.rollout_id, result_num_vehicle_collisions as vehicles, result_num_pedestrian_collisions as pedestrians,
     vehicles + pedestrians + result_num_static_collisions is not null
-        or coalesce(greatest(vehicles, pedestrians, result_num_static_collisions) > 0, false) as is_counted,
+        or coalesce(greatest(vehicles, pedestrians, result_num_static_collisions) > 0, false)
+        or run in (select run from overlapped) or run in (select run from plain_contact) as is_counted,
     whole, run in (select run from evidence) as is_shown, run in (select run from evidence where collision) as touches
 from attempt a join infraction using (run);

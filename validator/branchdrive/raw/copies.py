@@ -28,7 +28,7 @@ Index = NDArray[np.int64]
 Rows = NDArray[np.int32]  # tables have fewer
 
 HISTORIES: Mapping[str, int] = MappingProxyType({"observations": 0, "evidence": 0, "actors": 0, "controls": -1})
-"""Streams whose rows before the branch are compared, and the offset of the last such row from ``t_b``."""
+"""Streams whose rows up to a tick are compared, as up to ``t_b``, and the offset of the last such row from it."""
 
 _OF_MOMENTS = ("observations", "evidence", "actors")
 """Streams that tell of moments, whose copies are looked for."""
@@ -112,10 +112,13 @@ class Copies:
             self._at_moments[table] = self._moments() if table == "observations" else self._rows_of_moments(table)
         return self._at_moments[table]
 
-    def hold_histories(self, table: str, attempts: Index) -> Mask:
-        """Whether attempts have before the branch as many rows of a stream as their nominals, all copies ``[n]``."""
+    def repeat(self, table: str, attempts: Index, last_tick: Index) -> Mask:
+        """Whether attempts have up to a tick as many rows of a stream as their nominals, all copies ``[n]``.
+
+        Of controls, rows before the tick count, which act up to it.
+        """
         view, stream = self._view, self._view.stream(table)
-        last = view.branch_tick[attempts] + HISTORIES[table]
+        last = last_tick + HISTORIES[table]
         start, (_, stop) = stream.start[attempts], stream.span(attempts, last)
         nominal = view.nominal[attempts]
         num_expected = stream.span(nominal, last)[1] - stream.start[nominal]

@@ -1,7 +1,7 @@
 """Replay rules: replays differ from their nominal as the descriptor declares it.
 
-Two drives are equal where the ego, and what is near it, are equal to the bit at every saved observation that both
-have. Before the branch every recorded value counts. Source: spec/05-raw-streams.md#replay-noise.
+Under noise, two drives are equal where the ego, and what is near it, are equal at every saved observation that both
+have. Where replays are exact every recorded value counts. Source: spec/05-raw-streams.md#replay-noise.
 """
 
 from __future__ import annotations
@@ -86,19 +86,8 @@ def comparable_replays(view: ShardView, subjects: Mask) -> Mask:
 
 @rule("BD-RPN-001")
 def exact_replays_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Where replays are declared to be exact, a nominal replay is its nominal to the bit."""
-    differences, judged = view.cached(_differences), comparable_replays(view, subjects)
-    if view.descriptor.collection.replay_noise.kind != "exact":
-        judged[:] = False
-    differing = np.array([i in differences and differences[i] is not EQUAL for i in range(view.num_rollouts)], bool)
-
-    def describe(i: int) -> Mismatch:
-        table, column, row, of_nominal = differences[i]
-        stream = view.stream(table)
-        place: Location = {"table": table, "column": column, "tick": int(stream["tick"][row])}
-        return Mismatch(place, f"{quote(stream[column][of_nominal])} as in the nominal", quote(stream[column][row]))
-
-    yield Check.of_subjects(judged, judged & differing, describe)
+    """Where replays are declared to be exact, a nominal replay holds what its nominal holds, to the bit."""
+    yield _repeats(view, comparable_replays(view, subjects))
 
 
 @rule("BD-RPN-002")
@@ -126,16 +115,34 @@ def complete_interventions(view: ShardView, subjects: Mask) -> Mask:
     return np.asarray(subjects & of_whole & (there | there[nominal]))
 
 
-def _history_difference(view: ShardView, attempt: int) -> Mismatch | None:
-    """The first value before the branch of an attempt that its nominal does not have, if there is one."""
-    nominal, branch_tick = int(view.nominal[attempt]), int(view.branch_tick[attempt])
+def _last_ticks(view: ShardView) -> NDArray[np.int64]:
+    """Tick up to which exact attempts repeat their nominal ``[rollouts]``: the branch, or the last of both."""
+    observations = view.observations
+    ends = np.append(observations.tick, -1)[np.where(observations.is_there, observations.stop - 1, -1)]
+    return np.where(view.role("intervention"), view.branch_tick, np.minimum(ends, ends[view.nominal])).astype(np.int64)
+
+
+def _exact_differences(view: ShardView) -> dict[int, Mismatch]:
+    """The first value that an attempt should repeat of its nominal and does not, of those that have one."""
+    everyone, last_tick = np.ones(view.num_rollouts, bool), _last_ticks(view)
+    attempts = np.flatnonzero(complete_interventions(view, everyone) | comparable_replays(view, everyone))
+    copies = view.cached(Copies)
+    equal = [copies.repeat(table, attempts, last_tick[attempts]) for table in HISTORIES if table in view]
+    found = {i: _first_difference(view, i, last_tick[i]) for i in attempts[~np.logical_and.reduce(equal)].tolist()}
+    return {i: mismatch for i, mismatch in found.items() if mismatch is not None}
+
+
+def _first_difference(view: ShardView, attempt: int, last_tick: int) -> Mismatch | None:
+    """The first value up to a tick of an attempt that its nominal does not have, if there is one."""
+    nominal, branched = int(view.nominal[attempt]), view.role("intervention")[attempt]
     for table, last_offset in HISTORIES.items():
         if table not in view:
             continue
         stream = view.stream(table)
-        own, expected = (_rows_until(stream, i, branch_tick + last_offset) for i in (attempt, nominal))
+        own, expected = (_rows_until(stream, i, last_tick + last_offset) for i in (attempt, nominal))
         if len(own) != len(expected):
-            return Mismatch({"table": table}, f"{len(expected)} rows before the branch", f"{len(own)} rows")
+            where = "before the branch" if branched else f"up to tick {last_tick + last_offset}"
+            return Mismatch({"table": table}, f"{len(expected)} rows {where}", f"{len(own)} rows")
         columns = [column.name for column in TABLES[table].columns if column.name != "rollout_id"]
         differs = {name: stream.differs(name, own, expected) for name in columns}
         anywhere = np.logical_or.reduce(list(differs.values()))
@@ -182,15 +189,28 @@ def _expert_differences(view: ShardView, attempts: NDArray[np.int64]) -> dict[in
 def exact_histories_are_equal(view: ShardView, subjects: Mask) -> Iterator[Check]:
     """Where replays are exact, an intervention holds its nominal's values before the branch, and its expert at it."""
     judged = complete_interventions(view, subjects)
-    if view.descriptor.collection.replay_noise.kind != "exact":
-        judged[:] = False
-    attempts, copies = np.flatnonzero(judged), view.cached(Copies)
-    equal = [copies.hold_histories(table, attempts) for table in HISTORIES if table in view]
-    found = {i: _history_difference(view, i) for i in attempts[~np.logical_and.reduce(equal)].tolist()}
-    differences = _expert_differences(view, attempts) | {i: known for i, known in found.items() if known is not None}
-    differing = np.zeros(view.num_rollouts, bool)
+    yield Check.of_any(_repeats(view, judged), _expert_repeats(view, judged))
+
+
+def _repeats(view: ShardView, judged: Mask) -> Check:
+    """Whether attempts repeat their nominal as far as they should, where replays are declared to be exact."""
+    return _check(judged & _is_exact(view), view.cached(_exact_differences) if _is_exact(view) else {})
+
+
+def _expert_repeats(view: ShardView, judged: Mask) -> Check:
+    """Whether the expert commands at the branch what it commands of the nominal, where replays are exact."""
+    judged = judged & _is_exact(view)
+    return _check(judged, _expert_differences(view, np.flatnonzero(judged)))
+
+
+def _is_exact(view: ShardView) -> bool:
+    return view.descriptor.collection.replay_noise.kind == "exact"
+
+
+def _check(judged: Mask, differences: Mapping[int, Mismatch]) -> Check:
+    differing = np.zeros(len(judged), bool)
     differing[[*differences]] = True
-    yield Check.of_subjects(judged, differing, differences.__getitem__)
+    return Check.of_subjects(judged, judged & differing, differences.__getitem__)
 
 
 @rule("BD-RPN-005")

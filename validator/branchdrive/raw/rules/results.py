@@ -14,23 +14,56 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
-from branchdrive.raw.motion.contact import COLLISION_COUNTS, actors_within_reach, is_covered
+from branchdrive.raw.motion.contact import COLLISION_COUNTS, actors_within_reach, bodies_within, is_covered
 from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.motion.route_state import last_progress_m
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.tables.view import RowSummary
 
+_USERS = ("vehicle", "pedestrian")
+"""Road users of whom evidence has the nearest gap; cycles are with vehicles."""
+
+_COUNT_OF_USERS = COLLISION_COUNTS[: len(_USERS)]
+
+
+def _overlaps(view: ShardView, user: str) -> Mask:
+    """Rows of evidence at which the ego's box overlaps that of a road user ``[evidence]``."""
+    evidence = view.stream("evidence")
+    return np.asarray(evidence[f"nearest_{user}_available"].astype(bool) & (evidence[f"nearest_{user}_gap_m"] == 0))
+
 
 def _lasting_overlaps(view: ShardView) -> RowSummary:
-    """Observations at which the ego's box, and before them, overlaps that of a vehicle, cycle or pedestrian."""
-    evidence = view.stream("evidence")
+    """Observations at which, and before them, the ego's box overlaps that of road users whose count is 0."""
+    evidence, rollouts = view.stream("evidence"), view.rollouts
     overlaps = np.zeros(len(evidence), bool)
-    for kind in ("vehicle", "pedestrian"):
-        overlaps |= evidence[f"nearest_{kind}_available"].astype(bool) & (evidence[f"nearest_{kind}_gap_m"] == 0)
+    for user, column in zip(_USERS, _COUNT_OF_USERS, strict=True):
+        is_none = np.append(rollouts.valid(column) & (rollouts[column] == 0), False)
+        overlaps |= _overlaps(view, user) & is_none[evidence.rollout]
     lasting, joined = overlaps.copy(), follows(evidence)
     for _ in range(int(physical_bounds().contact_observations) - 1):
         lasting = overlaps & joined & np.append(False, lasting[:-1])
     return evidence.by_rollout(lasting)
+
+
+def _plain_contacts(view: ShardView) -> dict[str, RowSummary]:
+    """Contacts at which the box of a road user overlaps, and nobody else who is recorded is near, by count."""
+    evidence, actors, rollouts, reach_m = (
+        view.stream("evidence"), view.stream("actors"), view.rollouts, physical_bounds().contact_reach_m
+    )  # fmt: skip
+    frame, touched = view.observations.rows_of(evidence), evidence["collision"].astype(bool)
+    codes, names = actors.categories("actor_class")
+    is_static = np.array([name == "static" for name in (*names, None)])[codes]
+    found = {}
+    for user, other, column in zip(_USERS, _USERS[::-1], _COUNT_OF_USERS, strict=True):
+        is_none = np.append(rollouts.valid(column) & (rollouts[column] == 0), False)[evidence.rollout]
+        is_near = evidence[f"nearest_{other}_gap_m"] <= reach_m
+        is_joined = evidence[f"nearest_{other}_available"].astype(bool) & is_near
+        rows = np.flatnonzero(touched & (frame >= 0) & is_none & ~is_joined & _overlaps(view, user))
+        place, body = bodies_within(view, frame[rows], reach_m)
+        plain = np.zeros(len(evidence), bool)
+        plain[np.delete(rows, place[is_static[body]])] = True
+        found[column] = evidence.by_rollout(plain)
+    return found
 
 
 def _far_contacts(view: ShardView) -> tuple[Mask, NDArray[np.int64]]:
@@ -59,13 +92,16 @@ def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[
         [rollouts.valid(name) & (rollouts[name].astype(np.int64) > 0) for name in COLLISION_COUNTS]
     )
     touched = evidence.by_rollout(evidence["collision"].astype(bool))
-    overlaps = _lasting_overlaps(view)
-    unseen = known & (count == 0) & view.cached(is_covered) & ~touched.any & overlaps.any
+    overlaps, plain = _lasting_overlaps(view), _plain_contacts(view)
+    covered = view.cached(is_covered)
+    unseen = ~counted_somewhere & covered & ~touched.any & overlaps.any
     far, contact_row = _far_contacts(view)
     uncounted = known & (count == 0) & touched.any
-    untouched = counted_somewhere & view.cached(is_covered) & ~touched.any
-    told = evidence.is_there & (view.cached(is_covered) | touched.any)
-    subjects = subjects & told & (known | counted_somewhere)
+    unnamed = np.logical_or.reduce([contacts.any for contacts in plain.values()])
+    untouched = counted_somewhere & covered & ~touched.any
+    told = evidence.is_there & (covered | touched.any)
+    of_users = np.logical_or.reduce([rollouts.valid(name) for name in _COUNT_OF_USERS])
+    subjects = subjects & told & (known | counted_somewhere | of_users & (overlaps.any | unnamed))
 
     def describe(i: int) -> Mismatch:
         if unseen[i]:
@@ -76,13 +112,20 @@ def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[
             reach_m, tick = physical_bounds().contact_reach_m, int(evidence.tick[contact_row[i]])
             expected = f"a road user within {reach_m:g} m, then or at the observation before"
             return Mismatch({"table": "evidence", "column": "collision", "tick": tick}, expected, "none")
-        place = {"table": "rollouts", "column": COLLISION_COUNTS[0]}
+        place: Location = {"table": "rollouts", "column": COLLISION_COUNTS[0]}
         if uncounted[i]:
             tick = int(evidence.tick[touched.first_row[i]])
             return Mismatch({**place}, f"a collision, as `collision` is true at tick {tick}", "0 of every kind")
+        if unnamed[i]:
+            column, contacts = next(item for item in plain.items() if item[1].any[i])
+            tick = int(evidence.tick[contacts.first_row[i]])
+            expected = (
+                f"at least 1, as in the contact of tick {tick} a box of this kind overlaps and nothing else is near"
+            )
+            return Mismatch({**place, "column": column}, expected, "0")
         return Mismatch({**place}, "0 collisions, as `collision` is never true", f"{count[i]}")
 
-    yield Check.of_subjects(subjects, subjects & (far | unseen | uncounted | untouched), describe)
+    yield Check.of_subjects(subjects, subjects & (far | unseen | uncounted | unnamed | untouched), describe)
 
 
 _LAST_OBSERVATIONS = 8

@@ -64,6 +64,24 @@ def nothing_is_declared(d: Draft) -> None:
     del d.descriptor["collection"]["replay_noise"]
 
 
+@mutant("BD-RPN-001", at={"table": "observations", "column": "target_speed_mps", "rollout_id": REPLAY, "tick": 200})
+def replay_that_wants_another_speed(d: Draft) -> None:
+    repeat_exactly(d)
+    d.set("observations", "target_speed_mps", lambda v: v + 1.0, rollout_id=REPLAY, tick=200)
+
+
+@mutant("BD-RPN-001", at={"table": "controls", "column": "expert_brake", "rollout_id": REPLAY, "tick": 0})
+def replay_with_the_other_zero(d: Draft) -> None:
+    repeat_exactly(d)
+    d.set("controls", "expert_brake", -0.0, rollout_id=REPLAY, tick=0)
+
+
+@mutant("BD-RPN-001", at={"table": "actors", "column": "height_m", "rollout_id": REPLAY})
+def replay_with_a_higher_actor(d: Draft) -> None:
+    repeat_exactly(d)
+    d.set("actors", "height_m", lambda v: v + 0.01, rollout_id=REPLAY, actor_id=3)
+
+
 @boundary("BD-RPN-001")
 def exact_replays(d: Draft) -> None:
     repeat_exactly(d)

@@ -48,6 +48,28 @@ def collision_with_somebody_who_is_far(d: Draft) -> None:
     d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
 
 
+def _hide(d: Draft, unmonitored: str) -> None:
+    """Count no collision of the attempt in which a cycle's box overlaps, and say that a kind was not monitored."""
+    d.set("rollouts", COUNTS, 0, rollout_id=STEER_LEFT)
+    d.set("rollouts", unmonitored, None, rollout_id=STEER_LEFT)
+
+
+@mutant("BD-RES-001", at={"column": COUNTS[0], "rollout_id": STEER_LEFT})
+def contact_behind_a_count_that_nobody_monitored(d: Draft) -> None:
+    _hide(d, COUNTS[2])
+
+
+@mutant("BD-RES-001", at={"column": "collision", "rollout_id": STEER_LEFT, "tick": 165})
+def overlap_behind_a_count_that_nobody_monitored(d: Draft) -> None:
+    _hide(d, COUNTS[2])
+    d.set("evidence", "collision", False, rollout_id=STEER_LEFT)
+
+
+@boundary("BD-RES-001")
+def contact_of_a_kind_that_nobody_monitored(d: Draft) -> None:
+    _hide(d, COUNTS[0])
+
+
 @boundary("BD-RES-001", "BD-RES-005")
 def collision_with_something_static_before(d: Draft) -> None:
     """Nobody is near the first contact, which is with a thing."""
