@@ -262,6 +262,16 @@ def yaw_rate_of_the_other_sense(d: Draft) -> None:
     d.set("observations", "yaw_rate_radps", lambda value: -0.2 * value)
 
 
+@mutant("BD-RSP-007", base="bare", at={"column": "yaw_rate_radps"})
+def yaw_rate_of_half_the_turn(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", lambda value: 0.55 * value)
+
+
+@boundary("BD-RSP-007", base="bare")
+def yaw_rate_of_two_thirds_of_the_turn(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", lambda value: 0.65 * value)
+
+
 @mutant("BD-RSP-007", base="bare", at={"column": "yaw_rad"})
 def compass_that_is_five_degrees_off(d: Draft) -> None:
     bias = float(angle_on_grid(math.radians(5)))
