@@ -23,7 +23,7 @@ union all
 select run, 'step', 'observations', 'x_m', sum(abs(r - s)) / sum(s), 0, 0.05
 from way where s >= 0.5 group by run having count(*) >= 4
 union all
-select run, 'yaw rate', 'observations', 'yaw_rate_radps', sum(w * q / 0.25) / sum(pow(q / 0.25, 2)), 0.5, 2
+select run, 'yaw rate', 'observations', 'yaw_rate_radps', sum(w * q / 0.25) / sum(pow(q / 0.25, 2)), 0.6, 1.6
 from way where abs(q / 0.25) >= 0.05 group by run having count(*) >= 4
 union all
 select run, 'longitudinal', 'observations', 'accel_longitudinal_mps2',

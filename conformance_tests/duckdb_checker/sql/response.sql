@@ -32,13 +32,15 @@ with compared as (
         max(-sin(n.yaw_rad::double) * (o.x_m - n.x_m) + cos(n.yaw_rad::double) * (o.y_m - n.y_m))
             filter (o.tick = t_b + 50) as left_m,
         max(o.speed_mps::double - n.speed_mps) filter (o.tick = t_b + 50) as faster,
+        wrap(max(o.yaw_rad::double - n.yaw_rad) filter (o.tick = t_b + 20)
+            - max(o.yaw_rad::double - n.yaw_rad) filter (o.tick = t_b)) as turn,
         min(abs(n.speed_mps)) filter (o.tick >= t_b) > 0.5 as moves
     from compared p join observations o using (run)
     join observations n on n.run = p.nominal_run and n.tick = o.tick
     where o.tick between t_b - 80 and t_b + 50
     group by run
 )
-select run, nominal_run, t_b, group_id, action_key, steer, drive, left_m, faster, moves, future, sooner, later,
+select run, nominal_run, t_b, group_id, action_key, steer, drive, left_m, turn, faster, moves, future, sooner, later,
     case when state_differs < 0 or rate_differs is distinct from 0 then state_differs else 0 end as first_difference,
     abs(steer) >= 0.04 as steers, abs(drive) >= 0.04 as drives, moves and (steers or drives) as is_commanded,
     case when first_difference >= 0 then first_difference end as response, nominal_future,
@@ -54,3 +56,10 @@ select distinct group_id from (
 
 create or replace temp table outlined as
 select distinct e.group_id from effect e join actors a on a.run = e.nominal_run and a.tick = e.t_b;
+
+-- Two actions of a group whose nominal moves: differences of commands and of the first turn and acceleration.
+create or replace temp table ordered as
+select a.action_key, b.action_key as other, a.steer - b.steer as steer, a.drive - b.drive as drive,
+    wrap(a.turn - b.turn) as turn, a.later - b.later as accel,
+    abs(a.steer - b.steer) >= 0.04 as steers, abs(a.drive - b.drive) >= 0.04 as drives
+from effect a join effect b on b.group_id = a.group_id and b.action_key < a.action_key where a.moves;

@@ -71,3 +71,20 @@ def test_responses_of_shards_add_up() -> None:
     every = Responses.of_all([one, Responses.none(), two])
     assert every.steer.tolist() == [0.1, 0.2, 0.3]
     assert len(Responses.of_all([]).policy) == 0
+
+
+def test_policies_are_in_order_where_one_command_and_its_response_differ() -> None:
+    every = interventions(
+        8, group=[1, 2, 3, 4] * 2, policy=[5] * 4 + [6] * 4, steer=[0.0] * 4 + [-0.1, -0.1, -0.1, -0.03],
+        turn_rad=[0.0] * 4 + [0.1, -0.1, 0.005, 0.1],
+    )  # fmt: skip
+    turns, drives = every.orders(6, 5)
+    assert turns.tolist() == every.orders(5, 6)[0].tolist() == [1, -1, 0, 0]
+    assert drives.tolist() == [0, 0, 0, 0]
+    braked = interventions(
+        6, group=[1, 2, 3] * 2, policy=[5] * 3 + [6] * 3, drive=[-0.5] * 3 + [-1.0] * 3,
+        accel_mps2=[[0, -4]] * 3 + [[0, -8], [0, -1], [0, -5.5]], moves=[True, True, True] * 2,
+    )  # fmt: skip
+    assert braked.orders(6, 5)[1].tolist() == [1, -1, 0]
+    standing = replace(braked, moves=np.zeros(6, bool))
+    assert standing.orders(6, 5)[1].tolist() == [0, 0, 0]

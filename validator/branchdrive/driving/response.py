@@ -17,9 +17,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from branchdrive.driving.angle import wrap_rad
+
 __all__ = [
     "BEFORE_BRANCH", "CLEAR_COMMAND", "CLEAR_EFFECT_M", "MIN_BRAKING", "MIN_COMMAND", "MIN_EFFECT_M", "MIN_EFFECT_MPS",
-    "NO_RESPONSE", "Responses", "Sights", "first_response", "lateral_effect_m",
+    "NO_RESPONSE", "TURN_OFFSET", "Responses", "Sights", "first_response", "lateral_effect_m",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -42,6 +44,12 @@ CLEAR_EFFECT_M = 0.3
 MIN_EFFECT_MPS2 = 2.0
 """Change of an acceleration that no noise of replays explains in nine of ten interventions."""
 
+TURN_OFFSET = 20
+"""Ticks after ``t_b`` in which a turn shows steering: a second, before which no vehicle comes round."""
+
+MIN_TURN_RAD = 0.01
+"""Turn from which two interventions have an order: replays with noise differ by less."""
+
 BEFORE_BRANCH = -1
 """`Responses.first` of a rollout that differs from its nominal before the branch already."""
 
@@ -59,6 +67,7 @@ class Responses:
         steer: Mean applied steering minus the nominal's, positive to the right.
         drive: Mean applied throttle minus brake, minus the nominal's.
         lateral_m: Lateral effect, positive to the left.
+        turn_rad: Turn to the left from ``t_b`` to ``t_b + 20`` minus the nominal's.
         speed_mps: Speed effect.
         first: The first observation that differs from the nominal's: 0 is that of ``t_b``, ``j`` that of ``t_b + 5 j``;
             `BEFORE_BRANCH`, or `NO_RESPONSE`.
@@ -76,6 +85,7 @@ class Responses:
     steer: Array
     drive: Array
     lateral_m: Array
+    turn_rad: Array
     speed_mps: Array
     first: Index
     moves: NDArray[np.bool_]
@@ -90,8 +100,32 @@ class Responses:
         index, value = np.zeros(0, np.int64), np.zeros(0)
         accel, expert = np.zeros((0, 2)), np.zeros((0, 2, 4), bool)
         return cls(
-            index, index, value, value, value, value, index, np.zeros(0, bool), accel, index, index, expert,
+            index, index, value, value, value, value, value, index, np.zeros(0, bool), accel, index, index, expert,
         )  # fmt: skip
+
+    def _pairs(self, first: int, second: int) -> tuple[Index, Index]:
+        """Interventions of two policies in the groups that have both."""
+        a, b = (np.flatnonzero(self.policy == policy) for policy in (first, second))
+        _, in_a, in_b = np.intersect1d(self.group[a], self.group[b], return_indices=True)
+        return a[in_a], b[in_b]
+
+    def orders(self, first: int, second: int) -> tuple[Array, Array]:
+        """In which groups two policies respond in the order of their commands, where the nominal moves.
+
+        Args:
+            first: Index of a policy.
+            second: Index of another one.
+
+        Returns:
+            Of steering and the first turn, and of throttle minus brake and the first acceleration: 1, -1, or 0 where
+            either hardly differs or the other command differs too, in each group with both.
+        """
+        a, b = self._pairs(first, second)
+        steer, drive = self.steer[a] - self.steer[b], self.drive[a] - self.drive[b]
+        turn, accel = wrap_rad(self.turn_rad[a] - self.turn_rad[b]), self.accel_mps2[a, 1] - self.accel_mps2[b, 1]
+        turns = _agreement(-steer, drive, turn, MIN_TURN_RAD)
+        drives = _agreement(drive, steer, accel, MIN_EFFECT_MPS2)
+        return np.where(self.moves[a], turns, 0.0), np.where(self.moves[a], drives, 0.0)
 
     def others(self, first: int, second: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Where the commands of two policies differ, and where they have one future that is not the nominal's.
@@ -103,9 +137,7 @@ class Responses:
         Returns:
             Whether commands differ and the nominal moves, and whether the future is one, in each group with both.
         """
-        a, b = (np.flatnonzero(self.policy == policy) for policy in (first, second))
-        _, in_a, in_b = np.intersect1d(self.group[a], self.group[b], return_indices=True)
-        a, b = a[in_a], b[in_b]
+        a, b = self._pairs(first, second)
         away = np.maximum(np.abs(self.steer[a] - self.steer[b]), np.abs(self.drive[a] - self.drive[b]))
         is_one = (self.first[a] != NO_RESPONSE) & (self.future[a] == self.future[b])
         return self.moves[a] & (away >= MIN_COMMAND), is_one

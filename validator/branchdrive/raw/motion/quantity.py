@@ -54,7 +54,7 @@ QUANTITIES = {
         "observations", "speed_mps", 0.99, 1.01, "way by speed and clock over way of the positions", (0.98, 1.02)
     ),
     "step": Quantity("observations", "x_m", 0.0, 0.05, "share of the way by which single steps are off", (0.0, 0.1)),
-    "yaw_rate": Quantity("observations", "yaw_rate_radps", 0.5, 2.0, "slope of the yaw rate on the turn", (0.25, 4.0)),
+    "yaw_rate": Quantity("observations", "yaw_rate_radps", 0.6, 1.6, "slope of the yaw rate on the turn", (0.25, 4.0)),
     "longitudinal": Quantity(
         "observations", "accel_longitudinal_mps2", 0.5, 2.0, "slope of the acceleration on the change of speed",
         (0.05, 5.0),

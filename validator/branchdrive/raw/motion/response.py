@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import ACTIVE_TICKS, FUTURE_OFFSETS, HISTORY_OFFSETS, PREDECESSOR_OFFSET
-from branchdrive.driving.response import Responses, first_response, lateral_effect_m
+from branchdrive.driving.angle import wrap_rad
+from branchdrive.driving.response import TURN_OFFSET, Responses, first_response, lateral_effect_m
 from branchdrive.files.group_marks import Tracks
 from branchdrive.files.identities import Identities
 from branchdrive.raw.canonical_choice import Selection
@@ -32,6 +33,7 @@ _EXPERT = ("expert_steer", "expert_throttle", "expert_brake")
 _COMMAND = ("applied_steer", "applied_throttle", "applied_brake")
 _OFFSETS = (PREDECESSOR_OFFSET, *HISTORY_OFFSETS, *FUTURE_OFFSETS)
 _NUM_BEFORE = len(HISTORY_OFFSETS)  # the predecessor and the history but for t_b
+_BRANCH, _TURNED = _OFFSETS.index(0), _OFFSETS.index(TURN_OFFSET)
 _MOVING_MPS = 0.5
 
 
@@ -107,6 +109,7 @@ def _responses_of(view: ShardView, found: Executed) -> Responses:
     first = first_response((state != reference).any(axis=0), _NUM_BEFORE)
     differs = (rates != known).any(axis=0)
     first[(first > 0) & differs[:, _NUM_BEFORE] & ~differs[:, :_NUM_BEFORE].any(axis=1)] = 0
+    turns = state[2] - reference[2]
     _, first_of, which = np.unique(found.nominal, return_index=True, return_inverse=True)
     return Responses(
         group=view.cached(group_digests)[found.group],
@@ -114,6 +117,7 @@ def _responses_of(view: ShardView, found: Executed) -> Responses:
         steer=steer,
         drive=throttle - brake,
         lateral_m=lateral_effect_m(x, y, x_0, y_0, yaw_0),
+        turn_rad=wrap_rad(turns[:, _TURNED] - turns[:, _BRANCH]),
         speed_mps=speed - speed_0,
         first=first,
         moves=np.asarray((np.abs(reference[3, :, _NUM_BEFORE:]) > _MOVING_MPS).all(axis=1)),

@@ -25,7 +25,7 @@ MIN_INTERVENTIONS = 8
 """Interventions, attempts or tracks below which nothing is concluded; nine in ten of fewer is all of them."""
 
 MIN_EQUAL = 3
-"""Futures equal bit for bit under other commands that are no accident, if nearly all of a policy are."""
+"""Groups with equal futures under other commands, or reversed responses of two policies, that are no accident."""
 
 MOST_NEIGHBOURS = 64
 """Groups that each is compared with at most, of those that are most like it by one number."""
@@ -63,22 +63,44 @@ def _prevails(shows: Mask, counts: Mask, least: int = MIN_INTERVENTIONS) -> bool
 
 @rule("BD-RSP-001")
 def actuators_act_in_their_direction(survey: Survey) -> Iterator[Check]:
-    """More steering to the right moves the vehicle to the right, more throttle or less brake makes it faster."""
+    """More steering to the right moves the vehicle to the right, more throttle or less brake makes it faster.
+
+    Of two actions, the one with more of a command responds more.
+    """
     every = _responses(survey)
+    keys = survey.descriptor.action_bank.keys if survey.descriptor else ()
+    pairs = [(later, first, every.orders(later, first)) for later in range(len(keys)) for first in range(later)]
     found, examined = [], 0
-    for column, agreement, expected in (
+    for column, agreement, orders, expected, in_order in (
         (
             "applied_steer",
             every.steering,
+            [(keys[later], keys[first], turns) for later, first, (turns, _) in pairs],
             "a vehicle to the right of its nominal where it steers more to the right",
+            "of two actions, the one that steers more to the right turns more to the right in the first second",
         ),
-        ("applied_throttle", every.driving, "a vehicle that is faster than its nominal with more throttle, less brake"),
+        (
+            "applied_throttle",
+            every.driving,
+            [(keys[later], keys[first], drives) for later, first, (_, drives) in pairs],
+            "a vehicle that is faster than its nominal with more throttle, less brake",
+            "of two actions, the one with more throttle, less brake accelerates more at t_b + 5",
+        ),
     ):
         counts = agreement != 0
-        examined += int(counts.sum()) >= MIN_INTERVENTIONS
+        told = [int((order != 0).sum()) for _, _, order in orders]
+        examined += int(counts.sum()) >= MIN_INTERVENTIONS or max(told, default=0) >= MIN_EQUAL
+        reversed_pairs = [
+            f"the contrary in {(order < 0).sum()} of {num_told} groups with {later} and {first}"
+            for (later, first, order), num_told in zip(orders, told, strict=True)
+            if prevails(int((order < 0).sum()), num_told, MIN_EQUAL)
+        ]
+        place: Location = {"table": "controls", "column": column}
         if _prevails(agreement < 0, counts):
             contrary = f"the contrary in {(agreement < 0).sum()} of {counts.sum()} interventions"
-            found.append(Mismatch({"table": "controls", "column": column}, expected, contrary))
+            found.append(Mismatch(place, expected, contrary))
+        elif reversed_pairs:
+            found.append(Mismatch(place, in_order, reversed_pairs[0], len(reversed_pairs)))
     yield Check.of(examined, found)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import boundary, mutant
-from tests.validator.engine.rules.cases.groups_outcomes import give_outcome, like_nominal
+from tests.validator.engine.rules.cases.groups_outcomes import exchange_outcomes, give_outcome, like_nominal
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import angle_on_grid, on_grid, route_columns
@@ -39,6 +39,32 @@ def _mirror(d: Draft, **where: object) -> None:
 @mutant("BD-RSP-001", base="bare", at={"column": "applied_steer"})
 def mirrored_world(d: Draft) -> None:
     _mirror(d)
+
+
+def _exchange_everywhere(d: Draft, one: str, other: str, *groups: str) -> None:
+    d.set("rollouts", COUNTS, None)
+    for group_id in groups:
+        exchange_outcomes(d, one, other, group_id)
+
+
+@mutant("BD-RSP-001", base="bare", at={"column": "applied_steer"})
+def outcomes_of_steering_exchanged_in_all_groups(d: Draft) -> None:
+    _exchange_everywhere(d, "steer_left_0.05", "steer_left_0.10", "g0", "g1", "g2")
+
+
+@boundary("BD-RSP-001", base="bare")
+def outcomes_of_steering_exchanged_in_two_of_three_groups(d: Draft) -> None:
+    _exchange_everywhere(d, "steer_left_0.05", "steer_left_0.10", "g0", "g1")
+
+
+@mutant("BD-RSP-001", base="bare", at={"column": "applied_throttle"})
+def outcomes_of_hard_braking_exchanged_in_all_groups(d: Draft) -> None:
+    _exchange_everywhere(d, "brake_0.50", "brake_1.00", "g0", "g1", "g2")
+
+
+@boundary("BD-RSP-001", base="bare")
+def outcomes_of_hard_braking_exchanged_in_two_of_three_groups(d: Draft) -> None:
+    _exchange_everywhere(d, "brake_0.50", "brake_1.00", "g0", "g1")
 
 
 # BD-RSP-002
@@ -234,6 +260,16 @@ def accelerations_positive_to_the_right(d: Draft) -> None:
 def yaw_rate_of_the_other_sense(d: Draft) -> None:
     """And so small that no single turn refutes it."""
     d.set("observations", "yaw_rate_radps", lambda value: -0.2 * value)
+
+
+@mutant("BD-RSP-007", base="bare", at={"column": "yaw_rate_radps"})
+def yaw_rate_of_half_the_turn(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", lambda value: 0.55 * value)
+
+
+@boundary("BD-RSP-007", base="bare")
+def yaw_rate_of_two_thirds_of_the_turn(d: Draft) -> None:
+    d.set("observations", "yaw_rate_radps", lambda value: 0.65 * value)
 
 
 @mutant("BD-RSP-007", base="bare", at={"column": "yaw_rad"})
