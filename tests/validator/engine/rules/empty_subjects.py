@@ -218,9 +218,9 @@ def nothing_is_counted(d: Draft) -> None:
 
 
 @empties("RES 001")
-def one_kind_of_collision_is_not_counted(d: Draft) -> None:
-    d.set("rollouts", ("result_num_vehicle_collisions", "result_num_pedestrian_collisions"), 0)
-    d.set("rollouts", "result_num_static_collisions", None)
+def collisions_with_things_alone_are_counted(d: Draft) -> None:
+    d.set("rollouts", ("result_num_vehicle_collisions", "result_num_pedestrian_collisions"), None)
+    d.set("rollouts", "result_num_static_collisions", 0)
 
 
 @empties("RES 005")
