@@ -7,6 +7,7 @@ from tests.validator.engine.rules.case import (
     BOTH,
     BRAKE,
     FURTHER,
+    STEER_LEFT,
     boundary,
     mutant,
 )
@@ -68,8 +69,8 @@ def speed_in_kilometres_per_hour(d: Draft) -> None:
 @boundary("BD-MOT-001", base="bare")
 def speed_at_the_bound(d: Draft) -> None:
     """Whatever the mean of the attempt says where nobody knows its contacts."""
-    d.set("rollouts", COUNTS[2], None, rollout_id=BRAKE)
-    d.set("observations", "speed_mps", lambda v: v + 4.0, rollout_id=BRAKE)
+    d.set("rollouts", COUNTS[2], None, rollout_id=STEER_LEFT)
+    d.set("observations", "speed_mps", lambda v: v + 4.0, rollout_id=STEER_LEFT)
 
 
 @mutant("BD-MOT-001", at=observed_at("x_m", 5), base="bare")
