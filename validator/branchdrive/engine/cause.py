@@ -227,53 +227,81 @@ def find_causes(tallies: Mapping[str, Tally], shards: Sequence[ShardResult]) -> 
         shards: What became of every shard.
     """
     failed = {rule_id: tally for rule_id, tally in tallies.items() if tally.num_findings}
-    relation = _Relation(failed)
-    causes: dict[str, _Totals] = {}
-    following: dict[str, Counter[str]] = {}
-    explained: Counter[str] = Counter()
-    counted: Counter[str] = Counter()
+    found = _Search(failed)
     for shard in shards:
+        found.add_shard(shard)
+    for rule_id in failed:
+        if not found.counted[rule_id]:
+            found.add_rule_of_dataset(rule_id)
+    num_groups = sum(len(shard.funnel.outcomes) for shard in shards)
+    first = [_cause(failed[rule_id], totals, len(shards), num_groups) for rule_id, totals in found.causes.items()]
+    return Causes(tuple(sorted(first, key=_cause_place)), found.following())
+
+
+class _Search:
+    """Causes and what follows from them, added up over groups.
+
+    Args:
+        failed: Tallies of the rules that fail.
+    """
+
+    def __init__(self, failed: Mapping[str, Tally]) -> None:
+        self._failed = failed
+        self._relation = _Relation(failed)
+        self.causes: dict[str, _Totals] = {}
+        self.counted: Counter[str] = Counter()
+        self._explained: Counter[str] = Counter()
+        self._following: dict[str, Counter[str]] = {}
+
+    def add_shard(self, shard: ShardResult) -> None:
+        """Add the groups of a shard."""
         found: dict[str, list[tuple[str, int]]] = {}
         for outcome in shard.funnel.outcomes:
-            numbers = {rule_id: number for rule_id, number in outcome.failed if rule_id in failed}
-            causes_of = relation.causes_in(tuple(numbers))
-            here = {rule_id for rule_id, roots in causes_of.items() if not roots}
-            for rule_id, roots in causes_of.items():
-                counted[rule_id] += numbers[rule_id] or 1
-                if roots:
-                    explained[rule_id] += numbers[rule_id] or 1
-                for root in roots:
-                    following.setdefault(rule_id, Counter())[root] += numbers[rule_id] or 1
-                    totals = causes.setdefault(root, _Totals())
-                    totals.groups_of[rule_id] += 1
-                    totals.attempts_of[rule_id] += numbers[rule_id]
-            for rule_id in here:
+            numbers = {rule_id: number for rule_id, number in outcome.failed if rule_id in self._failed}
+            for rule_id in self._add_group(numbers):
                 found.setdefault(rule_id, []).append((printable(outcome.group_id[:128]), numbers[rule_id]))
-                totals = causes.setdefault(rule_id, _Totals())
-                totals.together = here - {rule_id} if totals.together is None else totals.together & here
         for rule_id, groups in found.items():
-            _add_extent(causes[rule_id], shard, groups)
-    for rule_id in failed:
-        if not counted[rule_id]:  # it is about no single group
-            roots = relation.causes_of_dataset(rule_id)
-            totals = causes.setdefault(rule_id, _Totals()) if not roots else _Totals()
-            totals.together = totals.together or set()
+            _add_extent(self.causes[rule_id], shard, groups)
+
+    def _add_group(self, numbers: Mapping[str, int]) -> set[str]:
+        """Add the rules that one group fails, with its attempts that do; the causes among them."""
+        causes_of = self._relation.causes_in(tuple(numbers))
+        here = {rule_id for rule_id, roots in causes_of.items() if not roots}
+        for rule_id, roots in causes_of.items():
+            self.counted[rule_id] += numbers[rule_id] or 1
+            self._explained[rule_id] += (numbers[rule_id] or 1) * bool(roots)
             for root in roots:
-                following.setdefault(rule_id, Counter())[root] = 0
-                causes.setdefault(root, _Totals()).groups_of.setdefault(rule_id, 0)
-    num_groups = sum(len(shard.funnel.outcomes) for shard in shards)
-    first = [_cause(failed[rule_id], totals, len(shards), num_groups) for rule_id, totals in causes.items()]
-    return Causes(
-        tuple(sorted(first, key=_cause_place)),
-        {
+                self._follows(rule_id, root, numbers[rule_id] or 1)
+                self.causes[root].groups_of[rule_id] += 1
+                self.causes[root].attempts_of[rule_id] += numbers[rule_id]
+        for rule_id in here:
+            totals = self.causes.setdefault(rule_id, _Totals())
+            totals.together = here - {rule_id} if totals.together is None else totals.together & here
+        return here
+
+    def add_rule_of_dataset(self, rule_id: str) -> None:
+        """Add a rule that fails in no single group."""
+        roots = self._relation.causes_of_dataset(rule_id)
+        if not roots:
+            self.causes.setdefault(rule_id, _Totals())
+        for root in roots:
+            self._follows(rule_id, root, 0)
+            self.causes[root].groups_of.setdefault(rule_id, 0)
+
+    def _follows(self, rule_id: str, root: str, number: int) -> None:
+        self._following.setdefault(rule_id, Counter())[root] += number
+        self.causes.setdefault(root, _Totals())
+
+    def following(self) -> dict[str, Following]:
+        """Rules that may fail because of others."""
+        return {
             rule_id: Following(
                 tuple((root, roots[root]) for root in sorted(roots, key=cause_order)),
-                explained[rule_id] if counted[rule_id] else None,
-                counted[rule_id],
+                self._explained[rule_id] if self.counted[rule_id] else None,
+                self.counted[rule_id],
             )
-            for rule_id, roots in following.items()
-        },
-    )
+            for rule_id, roots in self._following.items()
+        }
 
 
 class _Relation:
