@@ -90,6 +90,12 @@ def contact_that_nobody_counts(d: Draft) -> None:
     d.set("rollouts", COUNTS[1], None, rollout_id=BRAKE)
 
 
+@mutant("BD-RES-001", at={"column": COUNTS[0], "rollout_id": STEER_LEFT})
+def cycle_that_is_counted_as_a_pedestrian(d: Draft) -> None:
+    d.set("rollouts", COUNTS[0], 0, rollout_id=STEER_LEFT)
+    d.set("rollouts", COUNTS[1], 1, rollout_id=STEER_LEFT)
+
+
 @mutant("BD-RES-002", at=result_of("result_route_fraction"))
 def completed_route_that_was_driven_in_part(d: Draft) -> None:
     d.set("rollouts", "result_completion", "completed", rollout_id=BRAKE)
@@ -132,12 +138,6 @@ def one_collision_for_two_contacts(d: Draft) -> None:
     d.set("rollouts", COUNTS[2], 1, rollout_id=BRAKE)
 
 
-@mutant("BD-RES-005", at={"column": COUNTS[1], "rollout_id": STEER_LEFT})
-def cycle_that_is_counted_as_a_pedestrian(d: Draft) -> None:
-    d.set("rollouts", COUNTS[0], 0, rollout_id=STEER_LEFT)
-    d.set("rollouts", COUNTS[1], 1, rollout_id=STEER_LEFT)
-
-
 @mutant("BD-RES-005", at={"column": COUNTS[0], "rollout_id": STEER_LEFT})
 def collision_that_is_counted_at_every_tick(d: Draft) -> None:
     d.set("rollouts", COUNTS[0], 15, rollout_id=STEER_LEFT)
@@ -146,7 +146,7 @@ def collision_that_is_counted_at_every_tick(d: Draft) -> None:
 @mutant("BD-RES-005", at=result_of(COUNTS[0]))
 def thing_that_is_counted_as_the_cycle_behind(d: Draft) -> None:
     """It is 4.6 m away, and no nearer a quarter second later."""
-    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=25)
+    d.set("evidence", "collision", True, rollout_id=BRAKE, tick=20)
     d.set("rollouts", COUNTS[0], 1, rollout_id=BRAKE)
 
 
