@@ -1,2 +1,2 @@
 -- subjects: passed
-select rollout_id, group_id, 'rollouts' as "table", 'result_num_red_light_infractions' as "column" from passed where red = 0
+select rollout_id, group_id, 'rollouts' as "table", 'result_num_red_light_infractions' as "column" from passed where is_wrong

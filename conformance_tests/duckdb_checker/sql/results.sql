@@ -19,12 +19,22 @@ select run, rollout_id, group_id, result_num_off_road_infractions as off_road, r
     $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'stop_sign') as no_sign
 from attempt a left join seen using (run) left join observed using (run);
 
+-- Attempts that leave signals: whether they run a red light, and whether they may run one, as it is not green at the end.
 create or replace temp table passed as
-select run, rollout_id, group_id, red from infraction
-where lights and run in (
-    select run from moment join observations using (run, tick)
-    where light_before = 'red' and was_governed and not traffic_light_available and abs(speed_mps) > $driving_mps
-);
+with light as (
+    select m.run, not m.traffic_light_available and coalesce(m.was_governed, false) as is_left,
+        coalesce(m.light_before = 'red', false) as was_red, coalesce(abs(o.speed_mps) > $driving_mps, false) as is_fast,
+        m.traffic_light_available and m.traffic_light is distinct from 'green'
+            and not coalesce(n.traffic_light_available and n.lane_id = m.lane_id, false) as is_last_stop
+    from moment m left join observations o on o.run = m.run and o.tick = m.tick
+        left join evidence n on n.run = m.run and n.tick = m.tick + 5
+), leaving as (
+    select run, bool_or(is_left) as leaves, bool_or(is_left and was_red and is_fast) as runs,
+        bool_or(coalesce(is_last_stop, false)) as may_run
+    from light group by run
+)
+select run, rollout_id, group_id, red = 0 and runs or red > 0 and whole and leaves and not may_run as is_wrong
+from infraction join leaving using (run) where lights and (runs or red > 0 and whole and leaves);
 
 -- Rows of evidence at which the box of a road user overlaps, of whose kind no collision is counted.
 create or replace temp table uncounted_overlap as

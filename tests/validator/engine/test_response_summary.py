@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 from tests.mutation import MUTANTS, new_draft
-from tests.validator.engine.rules.case import judged_folder
+from tests.synthetic import BRANCH_TICK
+from tests.validator.engine.rules.case import BRAKE, judged_folder
+from tests.validator.engine.rules.cases.replays import declare, repeat_exactly
 
 from branchdrive.cli.text import render_report
 from branchdrive.engine.response_summary import Effect, ResponseSummary
@@ -48,6 +50,21 @@ def test_actions_are_compared_with_the_nominal_of_their_group(tmp_path: Path) ->
     text = render_report(report, io.StringIO())
     assert "Action response" in text
     assert "The same in every observation: speed_limit_mps 13.5" in text
+
+
+@pytest.mark.parametrize("is_other", [False, True])
+def test_reports_say_where_declared_noise_moves_no_intervention(tmp_path: Path, is_other: bool) -> None:
+    """Nominal replays differ, as they should where noise is natural, and interventions do not before the branch."""
+    draft = new_draft()
+    repeat_exactly(draft, *(f"g{group}.nominal_replay.a{attempt}" for group in range(3) for attempt in (1, 2)))
+    declare(draft, "natural")
+    if is_other:
+        draft.set(
+            "observations", "x_m", lambda v: float(np.nextafter(v, np.inf)), rollout_id=BRAKE, tick=BRANCH_TICK - 5
+        )
+    lines = [line for line in judged_folder(draft.write(tmp_path / "dataset")).conditions if "replay noise" in line]
+    alike = ", though all 36 interventions have the poses and speeds of their nominal, to the bit, before the branch"
+    assert lines == [f"replay noise declared as natural{'' if is_other else alike}"]
 
 
 def test_strict_refuses_what_diagnostics_found(tmp_path: Path) -> None:

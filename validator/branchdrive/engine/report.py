@@ -205,6 +205,9 @@ class Report:
         facts, lines = self.dataset, []
         if facts.replay_noise not in (None, "exact"):
             lines.append(f"replay noise declared as {facts.replay_noise}")
+            if self.response is not None and (num := self.response.num_repeating):
+                alike = "have the poses and speeds of their nominal, to the bit, before the branch"
+                lines[-1] += f", though all {counted(num, 'intervention')} {alike}"
         if facts.unrecorded:
             lines.append(f"{counted(len(facts.unrecorded), 'column')} not recorded: {listed(facts.unrecorded)}")
         if facts.unclaimed_streams:

@@ -50,6 +50,7 @@ class ActionResponse:
         lateral_m: Lateral effect, positive to the left.
         speed_mps: Speed effect.
         num_unchanged: Groups in which nothing differs up to ``t_b + 50``.
+        num_early: Groups in which a pose or speed differs before the branch already, by a bit or more.
         first_response: Median of the first observation that differs, ``j`` for that of ``t_b + 5 j``; ``None`` where
             every attempt differs before the branch already, or none differs.
     """
@@ -59,6 +60,7 @@ class ActionResponse:
     lateral_m: Effect
     speed_mps: Effect
     num_unchanged: int
+    num_early: int
     first_response: float | None
 
 
@@ -91,7 +93,8 @@ class ResponseSummary:
                 seen = first[(first != BEFORE_BRANCH) & (first != NO_RESPONSE)]
                 median = float(np.median(seen)) if len(seen) else None
                 effects = Effect.of(every.lateral_m[here]), Effect.of(every.speed_mps[here])
-                actions.append(ActionResponse(key, len(first), *effects, int((first == NO_RESPONSE).sum()), median))
+                unchanged, early = (int((first == value).sum()) for value in (NO_RESPONSE, BEFORE_BRANCH))
+                actions.append(ActionResponse(key, len(first), *effects, unchanged, early, median))
         names = shards[0].extremes if shards else {}
         bounds = {
             name: (
@@ -102,6 +105,12 @@ class ResponseSummary:
         }
         constant = {name: least for name, (least, most) in bounds.items() if least == most and math.isfinite(least)}
         return cls(tuple(actions), constant)
+
+    @property
+    def num_repeating(self) -> int:
+        """Interventions, 0 unless all have the poses and speeds of their nominal before the branch, to the bit."""
+        is_all = not any(action.num_early for action in self.actions)
+        return sum(action.num_groups for action in self.actions) if is_all else 0
 
     def to_json(self) -> dict[str, Any]:
         """As the report schema has it."""

@@ -77,19 +77,40 @@ def infractions_agree_with_the_rows(view: ShardView, subjects: Mask) -> Iterator
     yield Check.of_subjects(subjects, subjects & np.logical_or.reduce([bad for bad, _, _ in found.values()]), describe)
 
 
+def _may_run(view: ShardView) -> Mask:
+    """Attempts that may have run a light: one that is not green is the last of a signal, or of all ``[rollouts]``.
+
+    Where a signal governs at the next observation, too, it is the same one if the ego is in the same lane.
+    """
+    evidence = view.stream("evidence")
+    is_governed = evidence["traffic_light_available"].astype(bool)
+    lane, is_known = evidence.categories("lane_id")[0], evidence.valid("lane_id")
+    is_same = follows(evidence)[1:] & is_governed[1:] & (lane[1:] == lane[:-1]) & is_known[1:] & is_known[:-1]
+    is_last = np.append(~is_same, True)[: len(evidence)]
+    return evidence.by_rollout(is_governed & is_last & ~evidence.equals("traffic_light", "green")).any
+
+
 @rule("BD-RES-006")
 def red_lights_are_counted(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Who drives on, and is governed by a red light at an observation and by none at the next, has run it."""
+    """Who drives on, and is governed by a red light at an observation and by none at the next, has run it.
+
+    Who leaves signals whose last light is green has run none.
+    """
     evidence, observations = view.stream("evidence"), view.observations
     is_red, is_left = _lights(view)
     speed = np.append(np.abs(observations["speed_mps"]), 0.0)[observations.rows_of(evidence)]
     run = evidence.by_rollout(is_left & np.append(False, is_red[:-1]) & (speed > physical_bounds().driving_mps))
-    counted = _infractions(view, "red_light")
+    left, counted = evidence.by_rollout(is_left), _infractions(view, "red_light")
+    shows_all = view.cached(is_covered) & left.any & (counted > 0)
+    invented = shows_all & ~_may_run(view)
 
     def describe(i: int) -> Mismatch:
         place: Location = {"table": "rollouts", "column": "result_num_red_light_infractions"}
+        if invented[i]:
+            tick = int(evidence.tick[left.first_row[i]])
+            return Mismatch(place, f"0, as lights are green when they are passed, before tick {tick}", f"{counted[i]}")
         tick = int(evidence.tick[run.first_row[i]])
         return Mismatch(place, f"a red light that was run, as none governs any more at tick {tick}", "0")
 
-    subjects = subjects & run.any & (counted >= 0)
-    yield Check.of_subjects(subjects, subjects & (counted == 0), describe)
+    subjects = subjects & (run.any & (counted >= 0) | shows_all)
+    yield Check.of_subjects(subjects, subjects & (run.any & (counted == 0) | invented), describe)

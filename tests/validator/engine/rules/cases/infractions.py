@@ -48,8 +48,8 @@ def departure_that_nobody_monitors(d: Draft) -> None:
 
 @boundary("BD-RES-004", base="full")
 def light_that_changes_at_the_line(d: Draft) -> None:
-    """Green at the last observation before the line, and red when the front is at it."""
-    d.set("evidence", "traffic_light", "green", rollout_id=BRAKE, tick=range(60))
+    """Yellow at the last observation before the line, and red when the front is at it."""
+    d.set("evidence", "traffic_light", "yellow", rollout_id=BRAKE, tick=range(60))
     d.set("rollouts", RED, 1, rollout_id=BRAKE)
 
 
@@ -71,4 +71,36 @@ def red_light_that_is_passed(d: Draft) -> None:
 @boundary("BD-RES-006")
 def red_light_that_is_passed_and_counted(d: Draft) -> None:
     _lights(d, "red", 50)
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-006", at=result_of(RED))
+def green_light_that_is_counted(d: Draft) -> None:
+    """It was red before, while the ego came near."""
+    _lights(d, "green", 50)
+    d.set("evidence", "traffic_light", "red", rollout_id=BRAKE, tick=range(20))
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-006")
+def yellow_light_that_is_counted(d: Draft) -> None:
+    _lights(d, "green", 50)
+    d.set("evidence", "traffic_light", "yellow", rollout_id=BRAKE, tick=50)
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-006")
+def red_light_of_a_signal_before_the_green_one(d: Draft) -> None:
+    """Another governs the next lane at once."""
+    _lights(d, "green", 50)
+    d.set("evidence", "lane_id", "before", rollout_id=BRAKE, tick=range(20))
+    d.set("evidence", "traffic_light", "red", rollout_id=BRAKE, tick=range(20))
+    d.set("rollouts", RED, 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-006")
+def red_light_at_the_end(d: Draft) -> None:
+    _lights(d, "green", 50)
+    for name, value in (("traffic_light_available", True), ("traffic_light", "red")):
+        d.set("evidence", name, value, rollout_id=BRAKE, tick=range(195, 10_000))
     d.set("rollouts", RED, 1, rollout_id=BRAKE)
