@@ -77,6 +77,7 @@ def red_light_that_is_passed_and_counted(d: Draft) -> None:
 @mutant("BD-RES-006", at=result_of(RED))
 def green_light_that_is_counted(d: Draft) -> None:
     """It was red before, while the ego came near."""
+    d.set("evidence", "lane_id", "road", rollout_id=BRAKE)
     _lights(d, "green", 50)
     d.set("evidence", "traffic_light", "red", rollout_id=BRAKE, tick=range(20))
     d.set("rollouts", RED, 1, rollout_id=BRAKE)
