@@ -94,6 +94,7 @@ def yellow_light_that_is_counted(d: Draft) -> None:
 def red_light_of_a_signal_before_the_green_one(d: Draft) -> None:
     """Another governs the next lane at once."""
     _lights(d, "green", 50)
+    d.set("evidence", "lane_id", "road", rollout_id=BRAKE)
     d.set("evidence", "lane_id", "before", rollout_id=BRAKE, tick=range(20))
     d.set("evidence", "traffic_light", "red", rollout_id=BRAKE, tick=range(20))
     d.set("rollouts", RED, 1, rollout_id=BRAKE)
