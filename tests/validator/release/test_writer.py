@@ -88,9 +88,9 @@ def test_no_collection_begins_while_a_build_is_at_work(dataset: Path, monkeypatc
         with pytest.raises(UsageError, match="open the dataset with `DatasetWriter` before writing groups"):
             GroupWriter(dataset, read_descriptor(Folder(dataset)), "new", 99)
 
-    def scan(*arguments: Any) -> RawScan:
+    def scan(*arguments: Any, **options: Any) -> RawScan:
         begin()
-        found = scan_raw(*arguments)
+        found = scan_raw(*arguments, **options)
         begin()
         return found
 
