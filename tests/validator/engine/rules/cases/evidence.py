@@ -173,7 +173,8 @@ def _scene(d: Draft, *actors: dict[str, Any], speed_mps: float = 0.0, **evidence
 
     It is one of contact, after which no motion is judged for a while.
     """
-    d.set("rollouts", "result_num_static_collisions", 1, rollout_id=BRAKE)
+    kind = "vehicle" if evidence.get("nearest_vehicle_gap_m") == 0.0 else "static"
+    d.set("rollouts", f"result_num_{kind}_collisions", 1, rollout_id=BRAKE)
     here = {"rollout_id": BRAKE, "tick": SCENE_TICK}
     d.set("observations", ("x_m", "y_m", "yaw_rad"), 0.0, **here)
     d.set("observations", "speed_mps", speed_mps, **here)

@@ -36,3 +36,4 @@ def object_that_nobody_recorded(d: ReleaseDraft) -> None:
     d.add_objects()
     d.set(OBJECTS, "object_index", 500, group_id=TEST, offset_ticks=-5, object_index=0)
     d.set(OBJECTS, "offset_ticks", 0, group_id=TEST, object_index=500)
+    d.sort(OBJECTS)

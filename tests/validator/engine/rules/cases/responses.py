@@ -62,11 +62,6 @@ def outcomes_of_hard_braking_exchanged_in_all_groups(d: Draft) -> None:
     _exchange_everywhere(d, "brake_0.50", "brake_1.00", "g0", "g1", "g2")
 
 
-@boundary("BD-RSP-001", base="bare")
-def outcomes_of_hard_braking_exchanged_in_two_of_three_groups(d: Draft) -> None:
-    _exchange_everywhere(d, "brake_0.50", "brake_1.00", "g0", "g1")
-
-
 # BD-RSP-002
 
 

@@ -76,11 +76,12 @@ def target_point_behind_the_ego(d: Draft) -> None:
 
 @boundary("BD-RTE-002")
 def target_points_at_the_end_of_the_route(d: Draft) -> None:
-    rows, route = d.take("observations", rollout_id=BRAKE), d.take("rollouts", rollout_id=BRAKE)
-    dx, dy = (route[f"route_{axis}_m"][0].as_py()[-1] - rows[f"{axis}_m"].to_numpy() for axis in ("x", "y"))
-    yaw = rows["yaw_rad"].to_numpy().astype(float)
-    ahead, left = on_grid(np.cos(yaw) * dx + np.sin(yaw) * dy), on_grid(np.cos(yaw) * dy - np.sin(yaw) * dx)
-    d.fill("observations", dict(zip(TARGETS, (ahead, left, ahead, left), strict=True)), rollout_id=BRAKE)
+    for rollout_id in d.take("rollouts", group_id="g0")["rollout_id"].to_pylist():
+        rows, route = d.take("observations", rollout_id=rollout_id), d.take("rollouts", rollout_id=rollout_id)
+        dx, dy = (route[f"route_{axis}_m"][0].as_py()[-1] - rows[f"{axis}_m"].to_numpy() for axis in ("x", "y"))
+        yaw = rows["yaw_rad"].to_numpy().astype(float)
+        ahead, left = on_grid(np.cos(yaw) * dx + np.sin(yaw) * dy), on_grid(np.cos(yaw) * dy - np.sin(yaw) * dx)
+        d.fill("observations", dict(zip(TARGETS, (ahead, left, ahead, left), strict=True)), rollout_id=rollout_id)
 
 
 @mutant("BD-RTE-002", at=observed_at("target_point_1_x_m", BRANCH_TICK - 80))
