@@ -44,6 +44,11 @@ BASES: dict[str, tuple[str, str | None, str]] = {
     "raw-near": ("BD-ACT-006/rows_up_to_thirty_metres", "raw", "three groups with actors up to a distance"),
     "raw-axle": ("BD-RSP-007/pose_of_the_front_axle", "raw-driven", "groups with the pose of another point"),
     "raw-crab": ("BD-RSP-007/actors_that_crab_a_little", "raw", "three groups with actors that turn aside"),
+    "raw-bent": (
+        "BD-RTE-005/command_before_a_bend_to_the_other_side",
+        "raw-bare",
+        "groups without actors, one of them on a route that bends",
+    ),
     "raw-early": ("BD-TIC-003/earliest_branch", "raw", "three groups, one with the earliest branch there is"),
     "raw-place": ("BD-RSP-015/group_in_another_place", "raw", "three groups, one that repeats another elsewhere"),
     "release": ("release", None, "a release in place: raw layer with media, all derived layers, an audit of leakage"),

@@ -93,15 +93,15 @@ def look_ahead_results(
             terms[f"{i} {name}"] = Terms(values[:, part].sum(axis=1), known[:, part].sum(axis=1))
     found = figures(terms, names, seed=statistics["seed"], num_resamples=statistics["resamples"], rates=[])
 
-    def told(name: str) -> dict[str, Any]:
+    def summary(name: str) -> dict[str, Any]:
         figure, num_ranked = found[name], int(terms[name].denominator.sum())
         return {"value": figure.value, "low": figure.low, "high": figure.high, "num_ranked": num_ranked}
 
     return [
         {
-            "first": told(f"{i} first"),
-            "later": told(f"{i} later"),
-            "by_decision": [told(f"{i} {number}") for number in range(arm.schedule.num_decisions)],
+            "first": summary(f"{i} first"),
+            "later": summary(f"{i} later"),
+            "by_decision": [summary(f"{i} {number}") for number in range(arm.schedule.num_decisions)],
         }
         for i, arm in enumerate(arms)
     ]

@@ -2,7 +2,7 @@
 
 Inputs are those of the model layer, from the same formulas and at the same offsets from the tick of the decision.
 Objects of others are measured as the model layer measures them; at every decision after the first one, all observations
-of its window are measured anew.
+of its window are measured again.
 
 Sensor noise disturbs the recorded pose and speed of the window before anything is derived from them: at strength 1,
 positions by 0.1 m, headings by 0.005 rad and speeds by 0.05 m/s, independent Gauss, equal for all selectors at the same

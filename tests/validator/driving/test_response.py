@@ -88,3 +88,5 @@ def test_policies_are_in_order_where_one_command_and_its_response_differ() -> No
     assert braked.orders(6, 5)[1].tolist() == [1, -1, 0]
     standing = replace(braked, moves=np.zeros(6, bool))
     assert standing.orders(6, 5)[1].tolist() == [0, 0, 0]
+    assert [values.tolist() for values in Responses.none().orders(6, 5)] == [[], []]
+    assert [values.tolist() for values in every.orders(6, 99)] == [[], []]

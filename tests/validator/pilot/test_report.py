@@ -70,7 +70,7 @@ def test_figures_are_of_the_pilot(report: PilotReport) -> None:
     assert figures["conformance"]["verdict"] == "valid"
 
 
-def test_a_unit_that_some_attempts_have_wrong_is_told(tmp_path: Path, quick: None) -> None:
+def test_a_unit_that_some_attempts_have_wrong_is_reported(tmp_path: Path, quick: None) -> None:
     first = datasets.row_of("observations", BRAKE, 0), datasets.row_of("observations", BRAKE, 41)
     speeds = base_tables()[datasets.FOLDER]["observations"]["speed_mps"].to_pylist()
     faster = datasets.cells("observations", "speed_mps", {row: 3.6 * speeds[row] for row in range(*first)})

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,11 +104,22 @@ class Responses:
             index, index, value, value, value, value, value, index, np.zeros(0, bool), accel, index, index, expert,
         )  # fmt: skip
 
+    @cached_property
+    def _rows_of_policy(self) -> dict[int, Index]:
+        """Interventions of each policy, in the order of their groups, which have one each."""
+        order = np.lexsort((self.group, self.policy))
+        ordered = self.policy[order]
+        policies = np.unique(ordered)
+        start, stop = (np.searchsorted(ordered, policies, side=side) for side in ("left", "right"))
+        return {policy: order[start[i] : stop[i]] for i, policy in enumerate(policies.tolist())}
+
     def _pairs(self, first: int, second: int) -> tuple[Index, Index]:
         """Interventions of two policies in the groups that have both."""
-        a, b = (np.flatnonzero(self.policy == policy) for policy in (first, second))
-        _, in_a, in_b = np.intersect1d(self.group[a], self.group[b], return_indices=True)
-        return a[in_a], b[in_b]
+        none = np.zeros(0, np.int64)
+        a, b = (self._rows_of_policy.get(policy, none) for policy in (first, second))
+        place = np.searchsorted(self.group[b], self.group[a])
+        is_shared = np.append(self.group[b], -1)[place] == self.group[a]
+        return a[is_shared], b[place[is_shared]]
 
     def orders(self, first: int, second: int) -> tuple[Array, Array]:
         """In which groups two policies respond in the order of their commands, where the nominal moves.

@@ -111,7 +111,7 @@ def examine(
         failures.note_groups(rule_id, failed)
         if not tally.errors and CATALOGUE[rule_id].stage:
             result.failed_groups[rule_id] = failed
-    result.outcomes = failures.told(group_outcomes(view, selection, result.failed, result.failed_groups))
+    result.outcomes = failures.added_to(group_outcomes(view, selection, result.failed, result.failed_groups))
     return tallies, result
 
 

@@ -20,9 +20,9 @@ from branchdrive.engine.group_result import detail_of, hint_of
 from branchdrive.raw.funnel import GroupOutcome
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["MAX_TOLD", "GroupFailures"]
+__all__ = ["MAX_KEPT", "GroupFailures"]
 
-MAX_TOLD = 1024
+MAX_KEPT = 1024
 """Groups of a shard of which the first finding of a rule is kept: memory is bounded whatever a shard holds."""
 
 
@@ -62,7 +62,7 @@ class GroupFailures:
         """
         places = np.flatnonzero(owner >= 0)
         groups, first = np.unique(self._group[owner[places]], return_index=True)
-        order = np.argsort(first)[:MAX_TOLD]
+        order = np.argsort(first)[:MAX_KEPT]
         # All bad rows of the first attempt of each group, so that the finding counts them.
         chosen = np.isin(owner, owner[places[first[order]]])
         found = mismatches(replace(check, bad=check.bad[chosen]))
@@ -73,11 +73,11 @@ class GroupFailures:
         self, rule_id: str, check: Check, mismatches: Callable[[Check], Iterable[Mismatch]]
     ) -> None:
         """Keep the finding of each group of a rule on groups."""
-        told = replace(check, bad=check.bad[:MAX_TOLD])
-        for group, mismatch in zip(told.bad.tolist(), mismatches(told), strict=False):
+        kept = replace(check, bad=check.bad[:MAX_KEPT])
+        for group, mismatch in zip(kept.bad.tolist(), mismatches(kept), strict=False):
             self._first.setdefault((self._ids[group], rule_id), Finding.of(rule_id, mismatch))
 
-    def told(self, outcomes: Iterable[GroupOutcome]) -> list[GroupOutcome]:
+    def added_to(self, outcomes: Iterable[GroupOutcome]) -> list[GroupOutcome]:
         """The outcomes of the groups of the shard, in order, with all that each fails and what was found there."""
         same: dict[tuple[tuple[str, int], ...], tuple[tuple[str, int], ...]] = {}  # most groups fail the same
         texts: dict[str, str] = {}

@@ -167,7 +167,7 @@ def observations_are_lost(d: Draft) -> None:
 
 
 @empties("RTE 005")
-def nobody_is_told_to_turn(d: Draft) -> None:
+def no_command_is_to_turn(d: Draft) -> None:
     d.set("observations", "command", "follow")
 
 

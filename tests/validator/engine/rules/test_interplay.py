@@ -19,7 +19,7 @@ END = BRANCH_TICK + WINDOW_TICKS
 
 
 @pytest.mark.parametrize(("step", "said"), [(1, "after: theirs are late"), (-1, "before: theirs are early"), (2, None)])
-def test_poses_of_actors_of_another_observation_are_told(step: int, said: str | None, tmp_path: Path) -> None:
+def test_poses_of_actors_of_another_observation_are_named(step: int, said: str | None, tmp_path: Path) -> None:
     def moved(rows: pa.Table) -> pa.Table:
         of_attempt = pc.equal(rows["rollout_id"], STEER_LEFT).to_numpy()
         for column in ("x_m", "y_m", "yaw_rad"):

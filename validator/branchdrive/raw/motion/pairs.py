@@ -14,7 +14,7 @@ Source: spec/05-raw-streams.md#evidence.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -40,32 +40,35 @@ _NEAR_M = RANGE_M + 1.0
 _ROWS_AT_ONCE = 1 << 14
 """Rows whose bounds are computed at once: intermediate arrays of 64 KiB stay in the cache."""
 
+_EVERY = slice(None)
+_POSE = ("x_m", "y_m", "yaw_rad")
+
 _VEHICLE, _PEDESTRIAN, _STATIC, _OTHER = range(4)
 _KIND = {"vehicle": _VEHICLE, "cycle": _VEHICLE, "pedestrian": _PEDESTRIAN, "static": _STATIC}
 
 
 @dataclass(frozen=True)
 class _Egos:
-    """The ego at each observation ``[frames]``."""
+    """The ego at observations ``[frames]``."""
 
     boxes: Boxes
     speed_mps: Array
 
 
-def _egos(view: ShardView) -> _Egos:
+def _egos(view: ShardView, frames: slice = _EVERY) -> _Egos:
     observations = view.observations
     # Observations of an unknown rollout (-1) get some box: they are in no pair.
     extents = (
-        np.append(view.rollouts[name].astype(np.float64), 1.0)[observations.rollout]
+        np.append(view.rollouts[name].astype(np.float64), 1.0)[observations.rollout[frames]]
         for name in ("ego_length_m", "ego_width_m")
     )
-    boxes = Boxes(*(observations[name].astype(np.float64) for name in ("x_m", "y_m", "yaw_rad")), *extents)
-    return _Egos(boxes, observations["speed_mps"].astype(np.float64))
+    boxes = Boxes(*(observations[name][frames].astype(np.float64) for name in _POSE), *extents)
+    return _Egos(boxes, observations["speed_mps"][frames].astype(np.float64))
 
 
-def _kinds(view: ShardView) -> NDArray[np.int8]:
+def _kinds(view: ShardView, rows: Index | slice = _EVERY) -> NDArray[np.int8]:
     codes, classes = view.stream("actors").categories("actor_class")
-    return np.array([_KIND.get(actor_class, _OTHER) for actor_class in classes] + [_OTHER], np.int8)[codes]
+    return np.array([_KIND.get(actor_class, _OTHER) for actor_class in classes] + [_OTHER], np.int8)[codes[rows]]
 
 
 def _limits(view: ShardView, name: str, column: str) -> NDArray[np.float32]:
@@ -93,7 +96,6 @@ class _Actors(NamedTuple):
 
 
 _ACTOR_COLUMNS = (*Boxes._fields, "vel_x_mps", "vel_y_mps")
-_POSE = ("x_m", "y_m", "yaw_rad")
 
 
 def _actors(rows: Index, columns: Sequence[NDArray[Any]]) -> _Actors:
@@ -144,7 +146,7 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
     Static objects keep their place, so sorting by route and actor brings equal boxes together.
     """
     lines, stream = view.cached(routes), view.stream("actors")
-    attempt = view.observations.rollout[view.observations.rows_of(stream)[objects.row]]
+    attempt = stream.rollout[objects.row]
     route, width_m = lines.of_rollout[attempt], view.rollouts["ego_width_m"][attempt].astype(np.float64)
     order = np.lexsort((stream["actor_id"][objects.row], width_m, route))
     objects, route, width_m = objects.take(order), route[order], width_m[order]
@@ -162,10 +164,9 @@ def _corridor_m(view: ShardView, objects: _Actors) -> Array:
     return found
 
 
-def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
-    """The pairs that actors form; `PairRisk.frame` indexes the view's observations."""
-    egos, stream = _egos(view), view.stream("actors")
-    kind = _kinds(view)[actors.row]
+def _pairs(view: ShardView, egos: _Egos, actors: _Actors, frame: Index) -> PairRisk:
+    """The pairs that actors form with the ego at a frame each, which indexes `egos`."""
+    kind = _kinds(view, actors.row)
     static = np.flatnonzero(kind == _STATIC)
     corridor_m = np.full(len(actors.row), -np.inf)
     corridor_m[static] = _corridor_m(view, actors.take(static))
@@ -175,10 +176,10 @@ def _pairs(view: ShardView, actors: _Actors) -> PairRisk:
         actors.boxes,
         actors.vel_x_mps,
         actors.vel_y_mps,
-        stream["actor_id"][actors.row].astype(np.int64),
+        view.stream("actors")["actor_id"][actors.row].astype(np.int64),
         kind == _VEHICLE,
         kind == _PEDESTRIAN,
-        view.observations.rows_of(stream)[actors.row],
+        frame,
         corridor_m,
     )
 
@@ -188,7 +189,12 @@ def deciding_pairs(view: ShardView) -> PairRisk:
 
     Those of observations that are copies are those of their sources; nominals, which copy nothing, have theirs.
     """
-    return _pairs(view, _actors_within_limits(view))
+    return _pairs_of_shard(view, _actors_within_limits(view))
+
+
+def _pairs_of_shard(view: ShardView, actors: _Actors) -> PairRisk:
+    """The pairs that actors form; `PairRisk.frame` indexes the view's observations."""
+    return _pairs(view, _egos(view), actors, view.observations.rows_of(view.stream("actors"))[actors.row])
 
 
 def pairs_of_frame(view: ShardView, frame: int, poses_of: int | None = None) -> PairRisk:
@@ -200,20 +206,25 @@ def pairs_of_frame(view: ShardView, frame: int, poses_of: int | None = None) -> 
         poses_of: Another observation, which actors have their poses of; those that it lacks are in no pair.
     """
     stream = view.stream("actors")
-    owner = view.observations.rows_of(stream)
-    rows = np.flatnonzero(owner == frame)
-    if poses_of is None:
-        pairs = pairs_of_rows(view, rows)
-    else:
-        there = np.flatnonzero(owner == poses_of)
-        _, here, there_of = np.intersect1d(stream["actor_id"][rows], stream["actor_id"][there], return_indices=True)
-        rows, posed = rows[here], there[there_of]
+    rows = _rows_of_frame(view, frame)
+    columns = [stream[name][rows] for name in _ACTOR_COLUMNS]
+    if poses_of is not None:
+        others = _rows_of_frame(view, poses_of)
+        _, here, there = np.intersect1d(stream["actor_id"][rows], stream["actor_id"][others], return_indices=True)
+        rows, posed = rows[here], others[there]
         columns = [stream[name][posed if name in _POSE else rows] for name in _ACTOR_COLUMNS]
-        pairs = _pairs(view, _actors(rows, columns))
-    return replace(pairs, frame=np.zeros(len(pairs.frame), np.int64))
+    egos = _egos(view, slice(frame, frame + 1))
+    return _pairs(view, egos, _actors(rows, columns), np.zeros(len(rows), np.int64))
+
+
+def _rows_of_frame(view: ShardView, frame: int) -> Index:
+    """Rows of the actors table at an observation."""
+    at = slice(frame, frame + 1)
+    (first,), (stop,) = view.stream("actors").span(view.observations.rollout[at], view.observations.tick[at])
+    return np.arange(first, stop)
 
 
 def pairs_of_rows(view: ShardView, rows: Index) -> PairRisk:
     """Pairs of the actors in rows of the actors table, in their order; `PairRisk.frame` indexes observations."""
     stream = view.stream("actors")
-    return _pairs(view, _actors(rows, [stream[name][rows] for name in _ACTOR_COLUMNS]))
+    return _pairs_of_shard(view, _actors(rows, [stream[name][rows] for name in _ACTOR_COLUMNS]))

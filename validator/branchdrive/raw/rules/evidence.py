@@ -97,7 +97,8 @@ def _recomputes(view: ShardView, subjects: Mask, name: str) -> Check:
         if fits and actor in evidence:
             expected, found = f"actor {computed.actor_id[0]}", f"actor {evidence[actor][row]}"
         elif name == "separation":
-            found += _delay(view, np.flatnonzero(view.cached(_unsound)[name] & (evidence.rollout == i)))
+            first, stop = int(evidence.start[i]), int(evidence.stop[i])
+            found += _delay(view, first + np.flatnonzero(view.cached(_unsound)[name][first:stop]))
         return Mismatch(
             {"table": "evidence", "column": column, "tick": int(evidence.tick[row])},
             expected,
@@ -110,7 +111,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str) -> Check:
 
 
 def _delay(view: ShardView, rows: NDArray[np.intp]) -> str:
-    """What is said of an attempt whose separations are those of the poses that actors have an observation apart.
+    """What a finding adds where the separations of an attempt are those of actors at the observation after or before.
 
     Args:
         view: The shard.

@@ -88,12 +88,12 @@ def actuators_act_in_their_direction(survey: Survey) -> Iterator[Check]:
         ),
     ):
         counts = agreement != 0
-        told = [int((order != 0).sum()) for _, _, order in orders]
-        examined += int(counts.sum()) >= MIN_INTERVENTIONS or max(told, default=0) >= MIN_EQUAL
+        compared = [int((order != 0).sum()) for _, _, order in orders]
+        examined += int(counts.sum()) >= MIN_INTERVENTIONS or max(compared, default=0) >= MIN_EQUAL
         reversed_pairs = [
-            f"the contrary in {(order < 0).sum()} of {num_told} groups with {later} and {first}"
-            for (later, first, order), num_told in zip(orders, told, strict=True)
-            if prevails(int((order < 0).sum()), num_told, MIN_EQUAL)
+            f"the contrary in {(order < 0).sum()} of {num_compared} groups with {later} and {first}"
+            for (later, first, order), num_compared in zip(orders, compared, strict=True)
+            if prevails(int((order < 0).sum()), num_compared, MIN_EQUAL)
         ]
         place: Location = {"table": "controls", "column": column}
         if _prevails(agreement < 0, counts):

@@ -46,7 +46,7 @@ def _lasting_overlaps(view: ShardView) -> RowSummary:
 
 
 def _plain_contacts(view: ShardView) -> dict[str, RowSummary]:
-    """Contacts at which the box of a road user overlaps, and nobody else who is recorded is near, by count."""
+    """Contacts at which the box of a road user overlaps, and no other recorded body is near, by count."""
     evidence, actors, rollouts, reach_m = (
         view.stream("evidence"), view.stream("actors"), view.rollouts, physical_bounds().contact_reach_m
     )  # fmt: skip
@@ -99,9 +99,9 @@ def collisions_agree_with_contacts(view: ShardView, subjects: Mask) -> Iterator[
     uncounted = known & (count == 0) & touched.any
     unnamed = np.logical_or.reduce([contacts.any for contacts in plain.values()])
     untouched = counted_somewhere & covered & ~touched.any
-    told = evidence.is_there & (covered | touched.any)
+    is_recorded = evidence.is_there & (covered | touched.any)
     of_users = np.logical_or.reduce([rollouts.valid(name) for name in _COUNT_OF_USERS])
-    subjects = subjects & told & (known | counted_somewhere | of_users & (overlaps.any | unnamed))
+    subjects = subjects & is_recorded & (known | counted_somewhere | of_users & (overlaps.any | unnamed))
 
     def describe(i: int) -> Mismatch:
         if unseen[i]:

@@ -55,18 +55,18 @@ def _hide(d: Draft, unmonitored: str) -> None:
 
 
 @mutant("BD-RES-001", at={"column": COUNTS[0], "rollout_id": STEER_LEFT})
-def contact_behind_a_count_that_nobody_monitored(d: Draft) -> None:
+def contact_beside_a_kind_that_is_not_monitored(d: Draft) -> None:
     _hide(d, COUNTS[2])
 
 
 @mutant("BD-RES-001", at={"column": "collision", "rollout_id": STEER_LEFT, "tick": 165})
-def overlap_behind_a_count_that_nobody_monitored(d: Draft) -> None:
+def overlap_beside_a_kind_that_is_not_monitored(d: Draft) -> None:
     _hide(d, COUNTS[2])
     d.set("evidence", "collision", False, rollout_id=STEER_LEFT)
 
 
 @boundary("BD-RES-001")
-def contact_of_a_kind_that_nobody_monitored(d: Draft) -> None:
+def contact_of_a_kind_that_is_not_monitored(d: Draft) -> None:
     _hide(d, COUNTS[0])
 
 

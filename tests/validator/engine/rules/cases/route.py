@@ -191,42 +191,43 @@ def progress_of_three_front_bumpers(d: Draft) -> None:
 
 # BD-RTE-005
 
+IN_A_BEND = "g1.accelerate_0.80.a1"
 
-def _bend(d: Draft, degrees: float, beyond_degrees: float = 0.0, beyond_m: float = 100.0) -> None:
-    """Bend the route of g1 to the left along the drive, and somewhere beyond it, and command it to the right in one."""
+
+def _bend(d: Draft, ticks: range) -> None:
+    """Bend the route of g1 by 60 degrees to the left over 76 m and back by 20 beyond 115 m; command right at ticks."""
     nominal = d.take("observations", rollout_id="g1.nominal.a1", tick=0).to_pylist()[0]
     step_m, length_m = 2.0, 160.0
     along = np.arange(-4.0, length_m, step_m)
-    turned = degrees * np.clip(along / 76.0, 0.0, 1.0) + np.where(along > beyond_m, beyond_degrees, 0.0)
-    heading = nominal["yaw_rad"] + np.deg2rad(turned)
+    heading = nominal["yaw_rad"] + np.deg2rad(
+        60.0 * np.clip(along / 76.0, 0.0, 1.0) - np.where(along > 115.0, 20.0, 0.0)
+    )
     x, y = (nominal[name] + step_m * (np.cumsum(turn(heading)) - 2 * turn(heading[0]))
             for name, turn in (("x_m", np.cos), ("y_m", np.sin)))  # fmt: skip
     for rollout_id in d.take("rollouts", group_id="g1")["rollout_id"].to_pylist():
         d.reroute(rollout_id, (x, y))
-    d.set("observations", "command", "right", rollout_id=IN_A_BEND)
-
-
-IN_A_BEND = "g1.accelerate_0.80.a1"
-
-
-@mutant("BD-RTE-005", base="bare", at={"column": "command", "rollout_id": IN_A_BEND, "tick": 0})
-def command_of_the_other_side(d: Draft) -> None:
-    _bend(d, 60.0)
-
-
-@mutant("BD-RTE-005", base="bare", at={"column": "command", "rollout_id": IN_A_BEND, "tick": 15})
-def command_of_the_other_side_far_from_its_junction(d: Draft) -> None:
-    _bend(d, 60.0, -20.0, 140.0)
-    d.set("observations", "command", "follow", rollout_id=IN_A_BEND, tick=[0, 5, 10])
-
-
-@boundary("BD-RTE-005", base="bare")
-def command_of_the_other_side_in_a_slight_bend(d: Draft) -> None:
-    """At a fork both ways may bend to one side."""
-    _bend(d, 42.0)
+    d.set("observations", "command", "right", rollout_id=IN_A_BEND, tick=ticks)
 
 
 @boundary("BD-RTE-005", base="bare")
 def command_before_a_bend_to_the_other_side(d: Draft) -> None:
-    """The junction lies behind it."""
-    _bend(d, 60.0, -20.0)
+    """The junction lies behind it, 45 m beyond the last command."""
+    _bend(d, range(0, 201, 5))
+
+
+@mutant("BD-RTE-005", base="bare", at={"column": "command", "rollout_id": IN_A_BEND, "tick": 0})
+def command_of_the_other_side(d: Draft) -> None:
+    """The route turns by 47 degrees to the left meanwhile."""
+    _bend(d, range(0, 160, 5))
+
+
+@mutant("BD-RTE-005", base="bare", at={"column": "command", "rollout_id": IN_A_BEND, "tick": 15})
+def command_of_the_other_side_far_from_its_junction(d: Draft) -> None:
+    """The junction lies 54 m beyond the last command."""
+    _bend(d, range(15, 165, 5))
+
+
+@boundary("BD-RTE-005", base="bare")
+def command_of_the_other_side_in_a_slight_bend(d: Draft) -> None:
+    """At a fork both ways may bend to one side, by 43 degrees."""
+    _bend(d, range(0, 145, 5))
