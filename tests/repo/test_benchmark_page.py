@@ -26,7 +26,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.quality.ledger import PREDICTION_ACCESS, with_benchmark_access
 from branchdrive.statistics.bca import LEAST_UNITS
-from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
+from branchdrive_reference.benchmark.command import benchmark, curve, evaluate, export, latency, lock, predict, train
 from branchdrive_reference.benchmark.document import read_protocol_file, trees_protocol
 from branchdrive_reference.benchmark.figure import gallery
 from branchdrive_reference.collect import command as collect
@@ -38,7 +38,7 @@ LINES = [
 ]
 COMMANDS: dict[str, ModuleType] = {
     "train": train, "lock": lock, "predict": predict, "evaluate": evaluate, "export": export, "latency": latency,
-    "benchmark": benchmark,
+    "curve": curve, "benchmark": benchmark,
 }  # fmt: skip
 OTHERS: dict[str, ModuleType] = {"collect": collect, "build": build, "branchdrive-validate": validate}
 

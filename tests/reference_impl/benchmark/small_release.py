@@ -20,7 +20,7 @@ from branchdrive.formats.manifest import build_manifest, write_manifest
 from branchdrive.model.arrays import pack_arrays
 from branchdrive.model.features import target_mask
 from branchdrive.model.normalisation_document import normalisation_document
-from branchdrive_reference.benchmark.command import benchmark, evaluate, export, latency, lock, predict, train
+from branchdrive_reference.benchmark.command import benchmark, curve, evaluate, export, latency, lock, predict, train
 
 __all__ = [
     "ASSIGNMENT", "COMMANDS", "contents", "invoke", "invoke_both", "is_clean", "make_release", "protocol",
@@ -32,7 +32,7 @@ ASSIGNMENT = {f"{name}{i:02}": name for name, size in _SIZES.items() for i in ra
 
 COMMANDS: dict[str, Any] = {
     "train": train, "lock": lock, "predict": predict, "evaluate": evaluate, "benchmark": benchmark, "export": export,
-    "latency": latency,
+    "latency": latency, "curve": curve,
 }  # fmt: skip
 
 
