@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+import pyarrow as pa
+
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.rows import TABLES
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.cli.progress import Update
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.document import dump_json
+from branchdrive.contract.layer import table_path
 from branchdrive.contract.layout import BENCHMARK, BENCHMARK_LEDGER_FILE, LOCK_FILE, PROTOCOL_FILE
 from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.parquet import encode_table
-from branchdrive.formats.table_file import parts_of
+from branchdrive.formats.table_file import part_numbers
 from branchdrive.tables.arrow import to_arrow
 from branchdrive.tables.frame import sort_rows
 from branchdrive_reference.benchmark.lock import changed_checkpoints_of, read_lock
@@ -55,16 +60,27 @@ def predict_all(workspace: Workspace, protocol: BenchmarkProtocol, *, device: st
 def _publish(workspace: Workspace, lock: dict[str, Any], predictions: PredictionSet, data: BenchmarkData) -> None:
     files = {path: _there(workspace, path) for path in (PROTOCOL_FILE, LOCK_FILE)}
     files[BENCHMARK_LEDGER_FILE] = workspace.read(BENCHMARK_LEDGER_FILE) or dump_json({"entries": []})
-    for name, frame in predictions.to_frames(data).items():
-        rows = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": data.candidates})
-        parts = parts_of(name, to_arrow(name, rows), workspace.release.parts)
-        files |= {path: encode_table(part) for path, part in parts.items()}
+    files |= _tables(predictions, data, workspace.release.parts)
     for entry in lock["checkpoints"]:
         files[f"{BENCHMARK}/{entry['file']}"] = (workspace.area / entry["file"]).read_bytes()
     before = workspace.release.benchmark_files()
     if all(before.get(path) == content for path, content in files.items()):
         return  # results that follow from the same predictions stay
     workspace.publish(files)
+
+
+def _tables(predictions: PredictionSet, data: BenchmarkData, parts: Mapping[str, int]) -> dict[str, bytes]:
+    """Files of predictions by path, whose rows are made part by part, and in a part model by model."""
+    predicted = {name for by_seed in predictions.by_model.values() for said in by_seed.values() for name in said}
+    groups = [group for partition in predicted for group in data.part(partition).groups]
+    files, numbers = {}, part_numbers(groups, parts)
+    for number in np.unique(numbers).tolist():
+        own = {group for group, of_group in zip(groups, numbers.tolist(), strict=True) if of_group == number}
+        for name in TABLES:
+            key, orders = LAYER_TABLES[name].key, {"action_key": data.candidates}
+            rows = [to_arrow(name, sort_rows(frame, key, orders)) for frame in predictions.frames(name, data, own)]
+            files[table_path(name, part=number)] = encode_table(pa.concat_tables(rows))
+    return files
 
 
 def _there(workspace: Workspace, path: str) -> bytes:

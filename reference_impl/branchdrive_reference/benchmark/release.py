@@ -31,6 +31,7 @@ from branchdrive.model.reader import ModelLayer, open_model
 from branchdrive.quality.partition import assignment_of, clusters_of, partition_sizes
 from branchdrive.tables.arrow import from_arrow
 from branchdrive.tables.frame import Frame, Values
+from branchdrive.tables.stored import layer_frames
 
 __all__ = [
     "Release", "baseline_contexts", "benchmark_data", "need_objects", "open_release", "published_predictions",
@@ -170,7 +171,7 @@ def benchmark_data(release: Release) -> BenchmarkData:
     """
     has_endings = bool(table_paths(ENDINGS, release.manifest.files))
     tables = (*DATA_TABLES, *([ENDINGS] if has_endings else []))
-    frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in tables}
+    frames = {name: layer_frames(release.layer.folder, name) for name in tables}
     return BenchmarkData.of(frames, release.layer.descriptor.action_bank)
 
 

@@ -86,13 +86,13 @@ class BranchGroupDataset(Dataset[dict[str, torch.Tensor]]):
         self.contract = contract = InputContract.named(contract)
         if not self.groups:
             raise UsageError(f"no group of the partition {partition!r} is in the variant {variant!r}")
+        inputs = input_arrays(layer, partition, contract, variant)
+        inputs |= image_arrays(layer, partition, contract, images or {}, variant)
+        self._tensors = {name: _tensor(inputs.pop(name)) for name in [*inputs]}
         targets = layer.targets(partition, variant=variant, normalised=True)
-        parts = input_arrays(layer, partition, contract, variant)
-        parts |= image_arrays(layer, partition, contract, images or {}, variant)
-        parts["scalars"] = np.where(targets.scalars_available, targets.scalars, 0.0)
-        parts["mask"] = targets.scalars_available
-        parts["trajectory"] = targets.trajectories
-        self._tensors = {name: _tensor(values) for name, values in parts.items()}
+        self._tensors["scalars"] = _tensor(np.where(targets.scalars_available, targets.scalars, 0.0))
+        self._tensors["mask"] = _tensor(targets.scalars_available)
+        self._tensors["trajectory"] = _tensor(targets.trajectories)
         has_encoding = layer.descriptor.action_encoding is not None
         self._shared = {"actions": _tensor(layer.actions())} if has_encoding else {}
 
@@ -155,5 +155,5 @@ def input_arrays(
 
 
 def _tensor(values: NDArray[Any]) -> torch.Tensor:
-    kept = values if values.dtype in (np.bool_, np.uint8) else values.astype(np.float32)
-    return torch.from_numpy(np.array(kept, order="C"))
+    kind = values.dtype if values.dtype in (np.bool_, np.uint8) else np.float32
+    return torch.from_numpy(np.array(values, kind, order="C"))

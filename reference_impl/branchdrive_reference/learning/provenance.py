@@ -65,7 +65,7 @@ def provenance(
     for partition, tensors in sorted(partitions.items()):
         for name, values in sorted(tensors.items()):
             data.update(f"{partition} {name} {values.dtype} {list(values.shape)}\n".encode())
-            data.update(values.numpy().tobytes())
+            data.update(values.numpy().data)
     return Provenance(
         configuration.model.name,
         seed,

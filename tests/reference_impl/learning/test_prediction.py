@@ -13,6 +13,7 @@ from tests.reference_impl.learning.small_models import MEAN, SMALL, make_release
 
 from branchdrive import UsageError, open_model
 from branchdrive.model.normalisation_document import normalisation_document
+from branchdrive_reference.learning import prediction
 from branchdrive_reference.learning.checkpoint import Checkpoint, checkpoint_path
 from branchdrive_reference.learning.groups import BranchGroupDataset
 from branchdrive_reference.learning.prediction import predict
@@ -60,6 +61,26 @@ def test_units_are_physical(release: Path, trained: list[Checkpoint]) -> None:
     np.testing.assert_allclose(found.scalars, scalings.scalars.invert(outcome.scalars.numpy()), rtol=0, atol=1e-3)
     paths = scalings.trajectories.invert(outcome.trajectories.numpy())
     np.testing.assert_allclose(found.trajectories, paths, rtol=0, atol=1e-3)
+
+
+def test_a_network_takes_a_bounded_number_of_groups_together(
+    release: Path, trained: list[Checkpoint], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = predict(trained, release, "train")
+    monkeypatch.setattr(prediction, "_GROUPS_AT_ONCE", 1)
+    assert len(expected[0].groups) > 1
+    given: list[int] = []
+    whole = prediction.physical
+
+    def watched(outcome: Any, scalings: Any) -> Any:
+        given.append(len(outcome.scalars))
+        return whole(outcome, scalings)
+
+    monkeypatch.setattr(prediction, "physical", watched)
+    for one, other in zip(predict(trained, release, "train"), expected, strict=True):
+        np.testing.assert_allclose(one.scalars, other.scalars, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(one.trajectories, other.trajectories, rtol=1e-9, atol=1e-9)
+    assert set(given) == {1}
 
 
 def test_files_do_as_well_as_checkpoints(release: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -120,9 +121,14 @@ def frames() -> dict[str, Frame]:
     return {"contexts": contexts, "scalars": scalars, "trajectories": trajectories}
 
 
+def in_one_frame(tables: Mapping[str, Frame]) -> dict[str, list[Frame]]:
+    """Tables in one frame each."""
+    return {name: [frame] for name, frame in tables.items()}
+
+
 @cache
 def data() -> BenchmarkData:
-    return BenchmarkData.of(frames(), BANK)
+    return BenchmarkData.of(in_one_frame(frames()), BANK)
 
 
 @cache
@@ -144,7 +150,7 @@ def endings() -> dict[str, Any]:
 
 @cache
 def data_with_endings() -> BenchmarkData:
-    return BenchmarkData.of({**frames(), "endings": endings()}, BANK)
+    return BenchmarkData.of(in_one_frame({**frames(), "endings": endings()}), BANK)
 
 
 @cache

@@ -7,7 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.validator.benchmark.samples import BANK, data, frames, noise, prediction_set, risk_fit, small_protocol
+from tests.validator.benchmark.samples import (
+    BANK,
+    data,
+    frames,
+    in_one_frame,
+    noise,
+    prediction_set,
+    risk_fit,
+    small_protocol,
+)
 
 from branchdrive.benchmark.guard.assessment import SELECTIONS
 from branchdrive.benchmark.guard.table import promises
@@ -50,7 +59,7 @@ def test_protocol_gives_the_same_results_when_it_is_read_back() -> None:
 def test_order_of_rows_decides_nothing() -> None:
     rng = np.random.default_rng(1)
     mixed = BenchmarkData.of(
-        {name: take(frame, rng.permutation(len(frame["group_id"]))) for name, frame in frames().items()}, BANK
+        {name: [take(frame, rng.permutation(len(frame["group_id"])))] for name, frame in frames().items()}, BANK
     )
     tables = {
         name: take(frame, rng.permutation(len(frame["model"])))
@@ -123,7 +132,7 @@ def test_one_cluster_alone_says_nothing() -> None:
     contexts = one["contexts"]
     is_test = contexts["partition"] == "test"
     one["contexts"] = {**contexts, "route_cluster": np.where(is_test, 7, contexts["route_cluster"])}
-    found = results_document(small_protocol(), BenchmarkData.of(one, BANK), prediction_set())
+    found = results_document(small_protocol(), BenchmarkData.of(in_one_frame(one), BANK), prediction_set())
     assert schema_mismatches(found, "results.schema.json") == []
     for section in ("prediction", "ranking"):
         for alone, one_of_many in zip(found[section]["comparisons"], results()[section]["comparisons"], strict=True):
@@ -282,4 +291,4 @@ def test_group_that_repeats_is_refused() -> None:
     twice = dict(frames())
     twice["contexts"] = take(twice["contexts"], np.r_[0, np.arange(len(twice["contexts"]["group_id"]))])
     with pytest.raises(DatasetError, match="repeats a group"):
-        BenchmarkData.of(twice, BANK)
+        BenchmarkData.of(in_one_frame(twice), BANK)

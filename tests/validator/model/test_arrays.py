@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import product
+import weakref
+from collections import UserDict
+from collections.abc import Iterator
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,7 @@ from branchdrive.driving.feature import SENSOR_PROFILE
 from branchdrive.driving.history import CONTROL_WINDOW
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.errors import DatasetError
-from branchdrive.model.arrays import ModelArrays, pack_arrays, pack_column, pack_objects
+from branchdrive.model.arrays import ModelArrays, pack_arrays, pack_column, pack_objects, pack_trajectories
 from branchdrive.model.features import HISTORIES, OBJECT_FEATURES
 from branchdrive.tables.frame import concat, num_rows, sort_rows, take
 
@@ -106,6 +109,26 @@ def test_the_given_orders_are_those_of_the_axes() -> None:
     np.testing.assert_array_equal(turned.trajectories.values, ARRAYS.trajectories.values[::-1, ::-1])
     assert turned.actions is not None and ARRAYS.actions is not None
     np.testing.assert_array_equal(turned.actions, ARRAYS.actions[::-1])
+
+
+class Held(UserDict[str, Any]):
+    """Rows of a file that can be watched."""
+
+
+def test_rows_of_several_files_are_packed_one_file_at_a_time() -> None:
+    rows, cuts = FRAMES["trajectories"], [0, 100, 333, 400, num_rows(FRAMES["trajectories"])]
+    past: list[weakref.ref[Held]] = []
+
+    def files() -> Iterator[Held]:
+        for first, stop in pairwise(cuts):
+            assert [one() for one in past[:-1]] == [None] * len(past[:-1])
+            frame = Held(take(rows, slice(first, stop)))
+            past.append(weakref.ref(frame))
+            yield frame
+
+    found = pack_trajectories(files(), GROUPS, CANDIDATES)
+    np.testing.assert_array_equal(found.values, ARRAYS.trajectories.values)
+    assert len(past) == 4
 
 
 @pytest.mark.parametrize("table", PACKED)

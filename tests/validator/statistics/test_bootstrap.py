@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare
 from tests.validator.statistics.samples import alone, pairs
 
+from branchdrive.statistics import bootstrap
 from branchdrive.statistics.bootstrap import counted_mean, design, ratio_of_sums, resampled_counts
 from branchdrive.statistics.random_words import below, words
 from branchdrive.statistics.rounding import sums
@@ -78,6 +79,13 @@ def test_counts_of_another_stream_are_others() -> None:
     np.testing.assert_array_equal(found[0], design(alone(6), seed=1, num_resamples=30)[1:31])
     assert (found[0] != found[1]).any()
     assert (found[1].sum(axis=1) == 6).all()
+
+
+def test_counts_take_a_byte_and_do_not_depend_on_how_many_are_drawn_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = resampled_counts(6, seed=1, stream="other", num_resamples=30)
+    assert whole.dtype == np.uint8
+    monkeypatch.setattr(bootstrap, "_MAX_WORDS", 50)
+    np.testing.assert_array_equal(resampled_counts(6, seed=1, stream="other", num_resamples=30), whole)
 
 
 def test_resamples_are_multinomial() -> None:

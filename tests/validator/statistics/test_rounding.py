@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from branchdrive.statistics import rounding
 from branchdrive.statistics.bca import intervals
 from branchdrive.statistics.rounding import slack, sums
 from branchdrive.statistics.sign_flip import sign_flip
@@ -36,6 +37,15 @@ def test_a_sum_does_not_depend_on_the_order_of_its_terms(values: np.ndarray) -> 
     for _ in range(5):
         order = rng.permutation(300)
         assert (sums(counts[:, order], values[order]) == sums(counts, values)).all()
+
+
+def test_a_sum_takes_whole_numbers_of_a_byte_a_part_at_a_time(
+    values: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts = np.random.default_rng(3).integers(-3, 5, (7, 300))
+    expected = sums(counts.astype(float), values)
+    monkeypatch.setattr(rounding, "_MAX_CELLS", 2 * 300)
+    np.testing.assert_array_equal(sums(counts.astype(np.int8), values), expected)
 
 
 def test_numbers_tie_relative_to_what_they_come_from() -> None:

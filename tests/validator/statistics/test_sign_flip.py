@@ -40,7 +40,7 @@ def test_drawn_flips_agree_with_scipy_to_sampling_error() -> None:
 
 def test_signs_are_fair_and_independent() -> None:
     signs = draw_signs(70, seed=5)
-    assert signs.shape == (10_000, 70)
+    assert (signs.shape, signs.dtype) == ((10_000, 70), np.int8)
     assert set(np.unique(signs).tolist()) == {-1.0, 1.0}
     assert np.abs(signs.mean(axis=0)).max() < 0.05
     assert np.abs(np.corrcoef(signs.T) - np.eye(70)).max() < 0.06

@@ -2,6 +2,7 @@
 
 The place of a value follows from the key of its row and from the given order of groups and candidates, never
 from the place of the row. A table must have exactly one row for each key; values that are there are finite.
+Rows come in frames, as those of the files of a table, of which one is looked at after the other.
 With ``N`` groups and ``A`` candidates::
 
     state         [N, 16, 21]     t_b - 75 .. t_b               scalars       [N, A, 6] and mask
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,40 +128,31 @@ def pack_arrays(frames: Mapping[str, Frame], groups: Sequence[str], candidates: 
     return ModelArrays(
         tuple(groups),
         tuple(candidates),
-        pack_history(frames["state"], "state", groups),
-        pack_history(frames["past_controls"], "past_controls", groups),
-        pack_history(frames["expert"], "expert", groups),
-        pack_surroundings(frames["surroundings"], groups),
+        pack_history([frames["state"]], "state", groups),
+        pack_history([frames["past_controls"]], "past_controls", groups),
+        pack_history([frames["expert"]], "expert", groups),
+        pack_surroundings([frames["surroundings"]], groups),
         pack_actions(frames["actions"], candidates),
-        pack_scalars(frames["scalars"], groups, candidates),
-        pack_trajectories(frames["trajectories"], groups, candidates),
+        pack_scalars([frames["scalars"]], groups, candidates),
+        pack_trajectories([frames["trajectories"]], groups, candidates),
     )
 
 
-def pack_history(frame: Frame, table: str, groups: Sequence[str]) -> Array:
+def pack_history(frames: Iterable[Frame], table: str, groups: Sequence[str]) -> Array:
     """History `table` as ``[N, rows, features]``; state, past_controls or expert."""
-    rows = _rows(frame, table, (groups, HISTORIES[table].offsets))
-    names = [feature.name for feature in HISTORIES[table].features]
-    return np.stack([_numbers(frame, table, name, rows).values for name in names], axis=-1)
+    names = {feature.name: feature.name for feature in HISTORIES[table].features}
+    return _pack(frames, table, names, (groups, HISTORIES[table].offsets)).values
 
 
-def pack_surroundings(frame: Frame, groups: Sequence[str]) -> Masked | None:
+def pack_surroundings(frames: Iterable[Frame], groups: Sequence[str]) -> Masked | None:
     """Surroundings as ``[N, 16, 11]``; ``None`` where the table has no row at all, because evidence is missing."""
-    if groups and not num_rows(frame):
+    filled = (frame for frame in frames if num_rows(frame))
+    first = next(filled, None)
+    if groups and first is None:
         return None
     table = "surroundings"
-    rows = _rows(frame, table, (groups, HISTORIES[table].offsets))
-    parts = []
-    for feature in HISTORIES[table].features:
-        (column,) = feature.columns
-        if feature.name == column:
-            parts.append(_numbers(frame, table, column, rows))
-        else:
-            categories, available = _masked(frame, table, column, rows)
-            is_category = (categories == feature.name.removeprefix(f"{column}_")).astype(np.float64)
-            parts.append(Masked(np.where(available, is_category, np.nan), available))
-    values, masks = zip(*parts, strict=True)
-    return Masked(np.stack(values, axis=-1), np.stack(masks, axis=-1))
+    columns = {feature.name: feature.columns[0] for feature in HISTORIES[table].features}
+    return _pack(chain(() if first is None else (first,), filled), table, columns, (groups, HISTORIES[table].offsets))
 
 
 def pack_objects(frame: Frame, groups: Sequence[str]) -> PackedObjects:
@@ -201,8 +194,7 @@ def pack_objects(frame: Frame, groups: Sequence[str]) -> PackedObjects:
 
 def pack_actions(frame: Frame, candidates: Sequence[str]) -> NDArray[np.float32] | None:
     """Encoded actions, float32 ``[A, encoding width]``; ``None`` where no action is encoded."""
-    rows = _rows(frame, "actions", (candidates,))
-    vectors, available = _masked(frame, "actions", "encoding", rows)
+    vectors, available = _column(frame, "actions", "encoding", (candidates,))
     if not available.any():
         return None
     widths = {len(vector) if there else 0 for vector, there in zip(vectors, available, strict=True)}
@@ -216,17 +208,14 @@ def pack_actions(frame: Frame, candidates: Sequence[str]) -> NDArray[np.float32]
     return matrix.astype(np.float32)
 
 
-def pack_scalars(frame: Frame, groups: Sequence[str], candidates: Sequence[str]) -> Targets:
+def pack_scalars(frames: Iterable[Frame], groups: Sequence[str], candidates: Sequence[str]) -> Targets:
     """Scalar targets as ``[N, A, 6]``."""
-    rows = _rows(frame, "scalars", (groups, candidates))
-    parts = [_numbers(frame, "scalars", target.name, rows) for target in TARGETS]
-    return Targets(*(np.stack(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+    return Targets(*_pack(frames, "scalars", {target.name: target.name for target in TARGETS}, (groups, candidates)))
 
 
-def pack_trajectories(frame: Frame, groups: Sequence[str], candidates: Sequence[str]) -> Trajectory:
+def pack_trajectories(frames: Iterable[Frame], groups: Sequence[str], candidates: Sequence[str]) -> Trajectory:
     """Trajectories as ``[N, A, 10, 5]``; every step is available."""
-    rows = _rows(frame, "trajectories", (groups, candidates, STEPS))
-    values = np.stack([_numbers(frame, "trajectories", name, rows).values for name in TRAJECTORY], axis=-1)
+    values = _pack(frames, "trajectories", {name: name for name in TRAJECTORY}, (groups, candidates, STEPS)).values
     return Trajectory(values, np.ones(values.shape[:3], bool))
 
 
@@ -240,36 +229,78 @@ def pack_column(
     """
     offsets = HISTORIES[table].offsets if table in HISTORIES else ()
     labels = {"group_id": groups, "action_key": candidates, "offset_ticks": offsets, "step": STEPS}
-    rows = _rows(frame, table, tuple(labels[name] for name in LAYER_TABLES[table].key))
-    values, available = _masked(frame, table, column, rows)
+    values, available = _column(frame, table, column, tuple(labels[name] for name in LAYER_TABLES[table].key))
     return np.ma.MaskedArray(values, ~available)
 
 
-def _rows(frame: Frame, table: str, axes: tuple[Sequence[Any], ...]) -> Index:
-    """Row of every key of the table ``[len(axis), ..]``, where `axes` are the labels of its key columns in order."""
-    key = LAYER_TABLES[table].key
-    shape = tuple(len(labels) for labels in axes)
-    flat = np.zeros(num_rows(frame), np.int64)
-    for name, labels in zip(key, axes, strict=True):
-        places = {label: i for i, label in enumerate(labels)}
-        if len(places) != len(labels):
-            raise ValueError(f"`{name}` {_repeated(labels)!r} is given twice; every label of an axis is given once")
-        values = np.ma.getdata(frame[name]).tolist()
-        codes = np.array([places.get(value, -1) for value in values], np.int64)
-        for row in np.flatnonzero(codes < 0)[:1]:
-            found = _format_key(frame, key, int(row))
-            raise DatasetError(
-                f"table `{table}`: row of {found}: this `{name}` is not one of the {len(labels)} expected"
-            )
-        flat = flat * len(labels) + codes
-    counts = np.bincount(flat, minlength=int(np.prod(shape)))
-    for place in np.flatnonzero(counts != 1)[:1]:
-        labels_there = [axis[i] for axis, i in zip(axes, np.unravel_index(place, shape), strict=True)]
-        where = ", ".join(f"`{name}` {label!r}" for name, label in zip(key, labels_there, strict=True))
-        raise DatasetError(f"table `{table}`: {counts[place]} rows of {where}; expected exactly one for each key")
+class _Places:
+    """Places of the rows of a table by their keys, each of which is given once.
+
+    Args:
+        table: Its name.
+        axes: Labels of its key columns, in order.
+
+    Attributes:
+        shape: ``(len(axis), ..)``.
+    """
+
+    def __init__(self, table: str, axes: Sequence[Sequence[Any]]) -> None:
+        self.shape = tuple(len(labels) for labels in axes)
+        self._table, self._key, self._axes = table, LAYER_TABLES[table].key, axes
+        self._places = [{label: i for i, label in enumerate(labels)} for labels in axes]
+        for name, labels, places in zip(self._key, axes, self._places, strict=True):
+            if len(places) != len(labels):
+                raise ValueError(f"`{name}` {_repeated(labels)!r} is given twice; every label of an axis is given once")
+        self._counts = np.zeros(int(np.prod(self.shape)), np.int32)
+
+    def __len__(self) -> int:
+        return len(self._counts)
+
+    def take(self, frame: Frame) -> Index:
+        """The place of each row of a frame, in an array of the shape that is flat; a key of no place is refused."""
+        flat = np.zeros(num_rows(frame), np.int64)
+        for name, labels in zip(self._key, self._places, strict=True):
+            codes = np.fromiter(map(labels.get, np.ma.getdata(frame[name]).tolist(), repeat(-1)), np.int64, len(flat))
+            for row in np.flatnonzero(codes < 0)[:1]:
+                found = _format_key(frame, self._key, int(row))
+                raise DatasetError(
+                    f"table `{self._table}`: row of {found}: this `{name}` is not one of the {len(labels)} expected"
+                )
+            flat = flat * len(labels) + codes
+        np.add.at(self._counts, flat, 1)
+        return flat
+
+    def check(self) -> None:
+        """Refuse a place that has taken no row, or several."""
+        for place in np.flatnonzero(self._counts != 1)[:1]:
+            labels = [axis[i] for axis, i in zip(self._axes, np.unravel_index(place, self.shape), strict=True)]
+            where = ", ".join(f"`{name}` {label!r}" for name, label in zip(self._key, labels, strict=True))
+            found = f"{self._counts[place]} rows of {where}"
+            raise DatasetError(f"table `{self._table}`: {found}; expected exactly one for each key")
+
+
+def _pack(frames: Iterable[Frame], table: str, features: Mapping[str, str], axes: Sequence[Sequence[Any]]) -> Masked:
+    """Features, each with its column, as ``[len(axis), .., features]``; `axes` are the labels of the key columns."""
+    places = _Places(table, axes)
+    values = np.full((len(places), len(features)), np.nan)
+    available = np.zeros(values.shape, bool)
+    for frame in frames:
+        flat = places.take(frame)
+        for i, (name, column) in enumerate(features.items()):
+            values[flat, i], available[flat, i] = _numbers(frame, table, name, column)
+    places.check()
+    return Masked(*(found.reshape(*places.shape, len(features)) for found in (values, available)))
+
+
+def _column(frame: Frame, table: str, column: str, axes: Sequence[Sequence[Any]]) -> tuple[NDArray[Any], Mask]:
+    """A column in its own type and its availability, ``[len(axis), ..]``."""
+    places = _Places(table, axes)
+    flat = places.take(frame)
+    places.check()
     rows = np.empty(len(flat), np.int64)
     rows[flat] = np.arange(len(flat))
-    return rows.reshape(shape)
+    values, available = (found[rows].reshape(places.shape) for found in _masked(frame, table, column))
+    return values, available
 
 
 def _repeated(labels: Sequence[Any]) -> Any:
@@ -280,8 +311,8 @@ def _format_key(frame: Frame, key: Sequence[str], row: int) -> str:
     return ", ".join(f"`{name}` {np.ma.getdata(frame[name])[row : row + 1].tolist()[0]!r}" for name in key)
 
 
-def _masked(frame: Frame, table: str, column: str, rows: Index) -> tuple[NDArray[Any], Mask]:
-    """Values and availability of a column at `rows`; nulls stand exactly where its mask is false."""
+def _masked(frame: Frame, table: str, column: str) -> tuple[NDArray[Any], Mask]:
+    """Values and availability of a column; nulls stand exactly where its mask is false."""
     values, there = np.ma.getdata(frame[column]), ~np.ma.getmaskarray(frame[column])
     declared = LAYER_TABLES[table][column].available
     if declared is not None and declared.mask is not None:
@@ -290,17 +321,16 @@ def _masked(frame: Frame, table: str, column: str, rows: Index) -> tuple[NDArray
             found = _format_key(frame, LAYER_TABLES[table].key, int(row))
             state = "null where its mask is true" if mask[row] else "not null where its mask is false"
             raise DatasetError(f"table `{table}`: row of {found}: `{column}` is {state}, `{declared.mask}`")
-    return values[rows], np.asarray(there[rows])
+    return values, np.asarray(there)
 
 
-def _numbers(frame: Frame, table: str, column: str, rows: Index) -> Masked:
-    """A column of numbers or flags in float64, NaN where it is not available."""
-    values, available = _masked(frame, table, column, rows)
+def _numbers(frame: Frame, table: str, feature: str, column: str) -> Masked:
+    """A feature in float64, NaN where it is not available: a column of numbers or flags, or a category of one."""
+    values, available = _masked(frame, table, column)
+    if column != feature:
+        values = values == feature.removeprefix(f"{column}_")
     numbers = np.where(available, values.astype(np.float64), np.nan)
-    for place in np.argwhere(available & ~np.isfinite(numbers))[:1]:
-        row = int(rows[tuple(place)])
-        found = _format_key(frame, LAYER_TABLES[table].key, row)
-        raise DatasetError(
-            f"table `{table}`: row of {found}: `{column}` is {numbers[tuple(place)]}, not a finite number"
-        )
+    for row in np.flatnonzero(available & ~np.isfinite(numbers))[:1]:
+        found = _format_key(frame, LAYER_TABLES[table].key, int(row))
+        raise DatasetError(f"table `{table}`: row of {found}: `{column}` is {numbers[row]}, not a finite number")
     return Masked(numbers, available)

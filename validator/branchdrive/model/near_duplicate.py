@@ -211,7 +211,7 @@ class Histories(NamedTuple):
         Raises:
             DatasetError: A group lacks a row.
         """
-        packed = pack_history(state, "state", groups), pack_history(past_controls, "past_controls", groups)
+        packed = pack_history([state], "state", groups), pack_history([past_controls], "past_controls", groups)
         return cls([*groups], *packed)
 
     @classmethod

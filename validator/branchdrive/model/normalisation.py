@@ -71,11 +71,15 @@ class Scaling(NamedTuple):
 
     def apply(self, values: ArrayLike) -> Array:
         """Normalised values, of the same shape; NaN stays NaN."""
-        return np.asarray(np.clip((self._checked(values) - self.offset) / self.scale, -self.limit, self.limit))
+        found = np.asarray(self._checked(values) - self.offset)
+        found /= self.scale
+        return np.clip(found, -self.limit, self.limit, out=found)
 
     def invert(self, normalised: ArrayLike) -> Array:
         """Values in their units, of the same shape; what the limit cut off does not come back."""
-        return np.asarray(self._checked(normalised) * self.scale + self.offset)
+        found = np.asarray(self._checked(normalised) * self.scale)
+        found += self.offset
+        return found
 
     def _checked(self, values: ArrayLike) -> Array:
         array = np.asarray(values, np.float64)

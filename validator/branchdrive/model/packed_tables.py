@@ -5,6 +5,7 @@ Source: spec/12-model.md.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,8 @@ from branchdrive.model import arrays
 from branchdrive.model.normalisation_document import Scalings, scalings_of
 from branchdrive.model.objects import OBJECTS
 from branchdrive.tables.arrow import from_arrow
-from branchdrive.tables.frame import Values
+from branchdrive.tables.frame import Frame, Values
+from branchdrive.tables.stored import layer_frames
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -62,6 +64,10 @@ class PackedTables:
         """Rows of a table by column; errors as of `stored`."""
         return from_arrow(self.stored(table), table)
 
+    def frames(self, table: str) -> Iterator[Frame]:
+        """Rows of each file of a table, of which one is held at a time; errors as of `stored`."""
+        return layer_frames(self.folder, table)
+
     @cached_property
     def assignment(self) -> dict[str, str]:
         """Partition of each group, in the order of group ids; a repeated group is a `DatasetError`."""
@@ -72,7 +78,7 @@ class PackedTables:
         return assignment
 
     def _history(self, table: str) -> Array:
-        return arrays.pack_history(self.frame(table), table, tuple(self.assignment))
+        return arrays.pack_history(self.frames(table), table, tuple(self.assignment))
 
     @cached_property
     def media_index(self) -> dict[str, Values]:
@@ -97,7 +103,7 @@ class PackedTables:
     @cached_property
     def surroundings(self) -> arrays.Masked | None:
         """What is around the ego, with masks; ``None`` where nothing is recorded."""
-        return arrays.pack_surroundings(self.frame("surroundings"), tuple(self.assignment))
+        return arrays.pack_surroundings(self.frames("surroundings"), tuple(self.assignment))
 
     @cached_property
     def objects(self) -> arrays.PackedObjects:
@@ -120,13 +126,13 @@ class PackedTables:
     @cached_property
     def scalars(self) -> Targets:
         """Scalar targets of all groups and candidates, with masks."""
-        return arrays.pack_scalars(self.frame("scalars"), tuple(self.assignment), self.descriptor.action_bank.keys)
+        return arrays.pack_scalars(self.frames("scalars"), tuple(self.assignment), self.descriptor.action_bank.keys)
 
     @cached_property
     def trajectories(self) -> Array:
         """Paths of all groups and candidates, metres."""
         return arrays.pack_trajectories(
-            self.frame("trajectories"), tuple(self.assignment), self.descriptor.action_bank.keys
+            self.frames("trajectories"), tuple(self.assignment), self.descriptor.action_bank.keys
         ).values
 
     @cached_property

@@ -161,7 +161,7 @@ class HistoriesTask:
 def histories_part(task: HistoriesTask) -> None:
     """Put the state and control histories of groups as arrays into the spool, for `whole_task`."""
     for table in ("state", "past_controls"):
-        packed = pack_history(of_groups(task.part.rows[table], task.groups), table, task.groups)
+        packed = pack_history([of_groups(task.part.rows[table], task.groups)], table, task.groups)
         task.part.put_array(f"valid.{table}", packed)
 
 

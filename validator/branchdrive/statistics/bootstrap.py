@@ -20,13 +20,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.statistics.cluster import Clusters
-from branchdrive.statistics.random_words import below, words
-from branchdrive.statistics.rounding import sums
+from branchdrive.statistics.random_words import counts as drawn_counts
+from branchdrive.statistics.random_words import words
+from branchdrive.statistics.rounding import WholeNumbers, sums
 
 __all__ = ["NUM_RESAMPLES", "Design", "counted_mean", "design", "ratio_of_sums", "resampled_counts"]
 
@@ -36,8 +38,8 @@ NUM_RESAMPLES = 2000
 STREAM = "metric/bootstrap"
 CLUSTER_STREAM = "metric/bootstrap/clusters"
 
-_MAX_CELLS = 1 << 22
-"""Counts that are held as float64 at once: 32 MiB."""
+_MAX_WORDS = 1 << 20
+"""Random words that are drawn at once: 8 MiB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +96,8 @@ class Design:
     def __matmul__(self, values: Array) -> Array:
         """Sums ``[1 + B + N + B, K]`` of values ``[N, K]``; those of the jackknife are ``sum_h v_h - v_g``."""
         total = values.sum(axis=0, keepdims=True)
-        by_cluster = _product(self.by_cluster, self.clusters.sums(values))
-        return np.concatenate([total, _product(self.by_group, values), total - values, by_cluster])
+        by_cluster = WholeNumbers(self.by_cluster) @ self.clusters.sums(values)
+        return np.concatenate([total, WholeNumbers(self.by_group) @ values, total - values, by_cluster])
 
     def split(self, values: Array) -> tuple[Array, Array, Array, Array]:
         """Values ``[1 + B + N + B, ..]`` of a metric by part of the counts.
@@ -107,13 +109,6 @@ class Design:
         return estimate[0], resamples, jackknife, by_cluster
 
 
-def _product(counts: NDArray[np.integer], values: Array) -> Array:
-    """``counts @ values`` in float64, a part of the rows at a time."""
-    at_once = max(1, _MAX_CELLS // max(1, counts.shape[1]))
-    parts = [counts[start : start + at_once].astype(np.float64) @ values for start in range(0, len(counts), at_once)]
-    return np.concatenate(parts)
-
-
 def design(clusters: Sequence[str], *, seed: int, num_resamples: int = NUM_RESAMPLES) -> Design:
     """Counts for groups in a fixed order, that of their ids, with the name of the cluster of each ``[N]``.
 
@@ -123,25 +118,28 @@ def design(clusters: Sequence[str], *, seed: int, num_resamples: int = NUM_RESAM
     found = Clusters.of(clusters)
     by_group = resampled_counts(len(clusters), seed=seed, stream=STREAM, num_resamples=num_resamples)
     by_cluster = resampled_counts(len(found.names), seed=seed, stream=CLUSTER_STREAM, num_resamples=num_resamples)
-    return Design(_compact(by_group), _compact(by_cluster), found)
+    return Design(by_group, by_cluster, found)
 
 
-def _compact(counts: Array) -> NDArray[np.integer]:
-    return counts.astype(np.min_scalar_type(int(counts.max(initial=0))))
-
-
-def resampled_counts(num_units: int, *, seed: int, stream: str, num_resamples: int = NUM_RESAMPLES) -> Array:
+def resampled_counts(
+    num_units: int, *, seed: int, stream: str, num_resamples: int = NUM_RESAMPLES
+) -> NDArray[np.unsignedinteger[Any]]:
     """How often each of `num_units` groups or clusters, in a fixed order, is drawn: ``[B, units]`` of the stream.
+
+    Counts are of the smallest type that holds them all, which is uint8 but for a draw that is hardly one.
 
     Raises:
         ValueError: There is no unit, or the seed does not fit.
     """
     if num_units < 1:
         raise ValueError("a bootstrap needs at least one group")
-    drawn = below(words(seed, stream, num_resamples, num_units), num_units)
-    line = np.arange(num_resamples)[:, None] * num_units
-    counts = np.bincount((line + drawn).ravel(), minlength=num_resamples * num_units)
-    return counts.reshape(num_resamples, num_units).astype(np.float64)
+    at_once = max(1, _MAX_WORDS // num_units)
+    parts = []
+    for first in range(0, num_resamples, at_once):
+        num_rows = min(at_once, num_resamples - first)
+        found = drawn_counts(words(seed, stream, num_rows, num_units, first_row=first), num_units)
+        parts.append(found.astype(np.min_scalar_type(int(found.max()))))
+    return np.concatenate(parts)
 
 
 def ratio_of_sums(counts: Array | Design, numerators: Array, denominators: Array) -> Array:

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["RELATIVE_TIE", "TIE", "Counts", "number", "numbers", "slack", "sums"]
+__all__ = ["RELATIVE_TIE", "TIE", "Counts", "WholeNumbers", "number", "numbers", "slack", "sums"]
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,9 @@ RELATIVE_TIE = 1e-9
 
 _DIGITS = 52
 """Binary digits of a partial sum, one fewer than are exact: multiples are rounded to the nearest."""
+
+_MAX_CELLS = 1 << 22
+"""Whole numbers that are held as float64 at once: 32 MiB."""
 
 
 def slack(magnitude: ArrayLike) -> Array:
@@ -50,12 +53,32 @@ class Counts(Protocol):
     def __matmul__(self, values: Array) -> Array: ...
 
 
-def sums(counts: Array | Counts, values: Array) -> Array:
-    """``sum_g c_g v_g`` for whole numbers ``[R, N]`` and values ``[N, K]`` up to 1e290: ``[R, K]``, rounded once."""
-    largest = float(np.abs(counts).max(initial=1.0)) if isinstance(counts, np.ndarray) else counts.largest
-    num_columns, terms = values.shape[1], largest * len(values)
+class WholeNumbers(NamedTuple):
+    """A matrix ``[R, N]`` of any type of numbers, multiplied in float64 with a part of its rows at a time."""
+
+    values: NDArray[Any]
+
+    @property
+    def largest(self) -> float:
+        """Magnitude of the largest number, at least 1."""
+        return max(1.0, float(self.values.max(initial=0)), -float(self.values.min(initial=0)))
+
+    def __matmul__(self, values: Array) -> Array:
+        at_once = max(1, _MAX_CELLS // max(1, self.values.shape[1]))
+        parts = [self.values[first : first + at_once] for first in range(0, len(self.values), at_once)]
+        found = [part.astype(np.float64, copy=False) @ values for part in parts]
+        return np.concatenate([np.empty((0, values.shape[1])), *found])
+
+
+def sums(counts: NDArray[Any] | Counts, values: Array) -> Array:
+    """``sum_g c_g v_g`` for whole numbers ``[R, N]`` and values ``[N, K]`` up to 1e290: ``[R, K]``, rounded once.
+
+    Whole numbers may be of any type; small ones of many rows are best left in a small one.
+    """
+    matrix = WholeNumbers(counts) if isinstance(counts, np.ndarray) else counts
+    num_columns, terms = values.shape[1], matrix.largest * len(values)
     high = _multiples(values, terms)
-    both = counts @ np.concatenate([high, _multiples(values - high, terms)], axis=1)
+    both = matrix @ np.concatenate([high, _multiples(values - high, terms)], axis=1)
     return np.asarray(both[:, :num_columns] + both[:, num_columns:])
 
 

@@ -26,7 +26,7 @@ Source: Phipson and Smyth 2010 (p-value); Hall and Wilson 1991 (centred, student
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from branchdrive.statistics.rounding import RELATIVE_TIE, slack, sums
 __all__ = ["CLUSTER_STREAM", "NUM_FLIPS", "SignFlip", "draw_signs", "p_text", "sign_flip", "studentised_p"]
 
 Array = NDArray[np.float64]
+Signs = NDArray[np.int8]
 
 NUM_FLIPS = 10_000
 STREAM = "metric/sign-flip"
@@ -60,13 +61,15 @@ class SignFlip(NamedTuple):
     num_units: NDArray[np.int64]
 
 
-def draw_signs(num_units: int, *, seed: int, num_flips: int = NUM_FLIPS, stream: str = STREAM) -> Array:
-    """Signs ``[num_flips, num_units]`` of +1 and -1 for units in a fixed order, that of their ids or names."""
-    drawn = bits(words(seed, stream, num_flips, -(-num_units // 64)), num_units)
-    return np.asarray(1.0 - 2.0 * drawn, np.float64)
+def draw_signs(num_units: int, *, seed: int, num_flips: int = NUM_FLIPS, stream: str = STREAM) -> Signs:
+    """Signs int8 ``[num_flips, num_units]`` of +1 and -1 for units in a fixed order, that of their ids or names."""
+    signs = bits(words(seed, stream, num_flips, -(-num_units // 64)), num_units).view(np.int8)
+    signs *= -2
+    signs += 1
+    return signs
 
 
-def sign_flip(differences: Array, signs: Array, clusters: Clusters | None = None) -> SignFlip:
+def sign_flip(differences: Array, signs: Signs | Array, clusters: Clusters | None = None) -> SignFlip:
     """Tests of differences ``[N, K]``, NaN where a group has none, under shared signs.
 
     Args:
@@ -94,7 +97,7 @@ def sign_flip(differences: Array, signs: Array, clusters: Clusters | None = None
     return SignFlip(np.where(num_groups > 0, mean, np.nan), p, reached == 0, there_units)
 
 
-def studentised_p(differences: Array, counts: Array) -> Array:
+def studentised_p(differences: Array, counts: NDArray[Any]) -> Array:
     """Studentised bootstrap p-values ``[K]`` of differences ``[N, K]``, with the counts ``[B, N]`` of resamples.
 
     A resample whose differences are all equal, or that has none, counts as one that reaches ``t``.

@@ -48,6 +48,21 @@ def test_predictions_come_back_from_their_tables_whatever_the_order_of_rows() ->
     assert texts(shuffled) == []
 
 
+def test_outcomes_of_partitions_are_slices_of_one_array() -> None:
+    bases = {id(part.outcomes.paths.base) for part in data().parts.values()}
+    assert len(data().parts) > 1 and len(bases) == 1 and bases != {id(None)}
+
+
+def test_rows_of_some_groups_are_those_of_all_that_are_theirs() -> None:
+    wanted = {*group_ids("test")[:2], group_ids("val")[0]}
+    for name, frame in frames().items():
+        own = take(frame, np.array([group in wanted for group in frame["group_id"].tolist()], bool))
+        found = [*prediction_set().frames(name, data(), wanted)]
+        assert len(found) == sum(len(prediction_set().seeds(model)) for model in prediction_set().models)
+        for column, values in concat(found).items():
+            np.testing.assert_array_equal(values, own[column])
+
+
 def test_digest_changes_with_any_number() -> None:
     changed = frames()
     changed["predicted_trajectories"]["speed_mps"][77] += 1e-12

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.model_release import BARE, DESCRIPTOR, make_frames
+from tests.validator.benchmark.samples import in_one_frame
 
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.protocol.selection import Baseline, Neighbours, Prior, Ridge
@@ -23,7 +24,7 @@ DECLARED: tuple[Baseline, ...] = (
 
 def test_labels_and_histories_are_those_of_the_groups() -> None:
     frames = make_frames()
-    data = BenchmarkData.of(frames, DESCRIPTOR.action_bank)
+    data = BenchmarkData.of(in_one_frame(frames), DESCRIPTOR.action_bank)
     found = contexts_of(frames.__getitem__, data.groups, DECLARED)
     groups = data.part("train").groups
     context = frames["contexts"]
@@ -37,13 +38,13 @@ def test_labels_and_histories_are_those_of_the_groups() -> None:
     sensor, privileged = found.history("sensor", groups), found.history("privileged", groups)
     assert sensor is not None and privileged is not None
     assert (sensor.shape[1], privileged.shape[1]) == (5 * (21 + 3), 5 * (21 + 3 + 4 + 11))
-    known = summaries(pack_history(state, "state", sorted(found.row)))[[found.row[group] for group in groups]]
+    known = summaries(pack_history([state], "state", sorted(found.row)))[[found.row[group] for group in groups]]
     np.testing.assert_array_equal(sensor[:, : known.shape[1]], known)
 
 
 def test_tables_that_no_baseline_sees_are_not_read() -> None:
     frames = make_frames()
-    data = BenchmarkData.of(frames, DESCRIPTOR.action_bank)
+    data = BenchmarkData.of(in_one_frame(frames), DESCRIPTOR.action_bank)
     read: list[str] = []
 
     def frame_of(name: str) -> Frame:
@@ -62,7 +63,7 @@ def test_what_a_dataset_lacks_is_a_label_of_its_own_or_no_history() -> None:
     frames = make_frames(bare=True)
     size = len(frames["state"]["group_id"])
     frames["state"]["speed_limit_mps"] = np.ma.masked_array(np.zeros(size), np.ones(size, bool))
-    data = BenchmarkData.of(frames, BARE.action_bank)
+    data = BenchmarkData.of(in_one_frame(frames), BARE.action_bank)
     found = contexts_of(frames.__getitem__, data.groups, DECLARED)
     assert set(found.labels["speed_limit"]) == {None}
     assert found.history("privileged", data.part("train").groups) is None
@@ -71,7 +72,7 @@ def test_what_a_dataset_lacks_is_a_label_of_its_own_or_no_history() -> None:
 def test_group_without_a_state_at_the_branch_is_refused() -> None:
     frames = make_frames()
     state = frames["state"]
-    data = BenchmarkData.of(frames, DESCRIPTOR.action_bank)
+    data = BenchmarkData.of(in_one_frame(frames), DESCRIPTOR.action_bank)
     lost = {**frames, "state": take(state, (state["group_id"] != "g1") | (state["offset_ticks"] != 0))}
     with pytest.raises(DatasetError, match="no row of `group_id` 'g1' at the branch"):
         contexts_of(lost.__getitem__, data.groups, DECLARED[:1])

@@ -77,7 +77,7 @@ class BenchmarkDraft(ReleaseDraft):
     def data(self) -> BenchmarkData:
         bank = ActionBank.model_validate(self.descriptor["action_bank"])
         tables = (*TABLES, *([ENDINGS] if ENDINGS in self.tables["model"] else []))
-        return BenchmarkData.of({name: self.frame(name) for name in tables}, bank)
+        return BenchmarkData.of({name: [self.frame(name)] for name in tables}, bank)
 
     @property
     def contexts(self) -> Contexts | None:
@@ -176,7 +176,7 @@ class _Made:
     def __init__(self) -> None:
         self.draft = release_draft()
         bank = ActionBank.model_validate(self.draft.descriptor["action_bank"])
-        self.data = BenchmarkData.of({name: self.draft.frame(name) for name in TABLES}, bank)
+        self.data = BenchmarkData.of({name: [self.draft.frame(name)] for name in TABLES}, bank)
         self.protocol = _protocol()
         self.predictions = _predictions(self.protocol, self.data)
         self.frames = self.predictions.to_frames(self.data)

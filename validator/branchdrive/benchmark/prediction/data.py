@@ -9,9 +9,11 @@ Source: spec/14-benchmark.md#data.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from branchdrive.contract.bank import ActionBank
 from branchdrive.driving.target import Targets
 from branchdrive.errors import DatasetError
 from branchdrive.model.arrays import pack_column, pack_scalars, pack_trajectories
-from branchdrive.tables.frame import Frame
+from branchdrive.tables.frame import Frame, concat
 
 __all__ = ["ENDINGS", "TABLES", "BenchmarkData", "Part", "groups_digest"]
 
@@ -79,36 +81,36 @@ class BenchmarkData:
     brakes: tuple[int, ...]
 
     @classmethod
-    def of(cls, frames: Mapping[str, Frame], bank: ActionBank) -> BenchmarkData:
-        """Data of the frames of the tables `TABLES` of a model layer, and of `ENDINGS` where it has that.
+    def of(cls, frames: Mapping[str, Iterable[Frame]], bank: ActionBank) -> BenchmarkData:
+        """Data of the tables `TABLES` of a model layer, and of `ENDINGS` where it has that, of the frames of each.
 
         Raises:
             DatasetError: A table lacks a row, repeats or does not know a key, or holds a value that is not a number.
         """
-        contexts = frames["contexts"]
+        contexts = concat([*frames["contexts"]])
         rows = zip(
             contexts["group_id"].tolist(),
             contexts["partition"].tolist(),
             contexts["route_cluster"].tolist(),
             strict=True,
         )
-        about = {group: (partition, str(cluster)) for group, partition, cluster in sorted(rows)}
+        about = {group: (partition, str(cluster)) for group, partition, cluster in sorted(rows, key=_home)}
         if len(about) < len(contexts["group_id"]):
             raise DatasetError("table `contexts` repeats a group; run `branchdrive-validate`")
-        groups = tuple(about)
+        groups = tuple(about)  # those of a partition stand together, so that its arrays are slices
         scalars = pack_scalars(frames["scalars"], groups, bank.keys)
         paths = pack_trajectories(frames["trajectories"], groups, bank.keys)
-        endings = _endings(frames[ENDINGS], groups, bank.keys) if ENDINGS in frames else None
-        parts = {}
-        for name in sorted({partition for partition, _ in about.values()}):
-            rows_of = np.array([i for i, group in enumerate(groups) if about[group][0] == name], np.int64)
-            members = tuple(groups[i] for i in rows_of)
+        endings = _endings(concat([*frames[ENDINGS]]), groups, bank.keys) if ENDINGS in frames else None
+        parts, first = {}, 0
+        for name, homes in groupby(about.values(), key=itemgetter(0)):
+            clusters = tuple(cluster for _, cluster in homes)
+            own = slice(first, first + len(clusters))
+            first = own.stop
             try:
-                outcomes = Outcomes.of(scalars.values[rows_of], scalars.available[rows_of], paths.values[rows_of])
+                outcomes = Outcomes.of(scalars.values[own], scalars.available[own], paths.values[own])
             except ValueError as error:
                 raise DatasetError(f"outcomes of the partition {name!r}: {error}") from error
-            clusters = tuple(about[group][1] for group in members)
-            parts[name] = Part(members, clusters, outcomes, None if endings is None else endings.take(rows_of))
+            parts[name] = Part(groups[own], clusters, outcomes, None if endings is None else endings.take(own))
         return cls(
             parts,
             bank.keys,
@@ -133,6 +135,12 @@ class BenchmarkData:
 
     def __repr__(self) -> str:
         return f"BenchmarkData({dict(self.parts)!r}, {len(self.candidates)} candidates)"
+
+
+def _home(row: tuple[str, str, int]) -> tuple[str, str]:
+    """What rows of groups, with partition and cluster, are sorted by."""
+    group, partition, _ = row
+    return partition, group
 
 
 def _endings(frame: Frame, groups: Sequence[str], candidates: Sequence[str]) -> Endings:

@@ -12,7 +12,7 @@ Source: paper, "Training and Test Locking"; spec/14-benchmark.md#predictions.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +84,7 @@ class PredictionSet:
             lines = "".join(f"{group}\n" for group in groups)
             found.update(f"{model} {seed} {partition} {len(groups)} {len(data.candidates)}\n{lines}{labels}".encode())
             for values in (predicted.scalars, predicted.paths):
-                found.update(np.ascontiguousarray(values, "<f8").tobytes())
+                found.update(np.ascontiguousarray(values, "<f8").data)
         return found.hexdigest()
 
     @classmethod
@@ -111,12 +111,30 @@ class PredictionSet:
         Raises:
             ValueError: There are no predictions.
         """
-        parts: dict[str, list[Frame]] = {name: [] for name in TABLES}
-        for model, seed, partition, predicted in self._all():
-            groups = data.part(partition).groups
-            for name, values in zip(TABLES, (predicted.scalars[:, :, None], predicted.paths), strict=True):
-                parts[name].append(prediction_frame(name, model, seed, groups, data.candidates, values))
-        return {name: concat(found) for name, found in parts.items()}
+        return {name: concat([*self.frames(name, data)]) for name in TABLES}
+
+    def frames(self, table: str, data: BenchmarkData, groups: Collection[str] | None = None) -> Iterator[Frame]:
+        """Rows of one of the tables `TABLES`, of one model and seed after the other in ascending order.
+
+        Args:
+            table: Its name.
+            data: The model layer.
+            groups: Groups whose rows are wanted; all by default.
+        """
+        for model in self.models:
+            for seed in self.seeds(model):
+                parts = []
+                for partition, predicted in sorted(self.by_model[model][seed].items()):
+                    members = data.part(partition).groups
+                    own = [place for place, group in enumerate(members) if groups is None or group in groups]
+                    if not own:
+                        continue
+                    names = tuple(members[place] for place in own)
+                    said = predicted if len(own) == len(members) else predicted.take(np.array(own, np.int64))
+                    values = said.paths if table == "predicted_trajectories" else said.scalars[:, :, None]
+                    parts.append(prediction_frame(table, model, seed, names, data.candidates, values))
+                if parts:
+                    yield concat(parts)
 
     def __repr__(self) -> str:
         return f"PredictionSet({', '.join(f'{model} {self.seeds(model)}' for model in self.models)})"

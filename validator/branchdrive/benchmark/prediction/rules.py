@@ -26,7 +26,7 @@ def data_of(view: ReleaseView) -> BenchmarkData:
     """
     try:
         tables = (*TABLES, *([ENDINGS] if view.has(ENDINGS) else []))
-        return BenchmarkData.of({name: view.frame(name) for name in tables}, view.descriptor.action_bank)
+        return BenchmarkData.of({name: [view.frame(name)] for name in tables}, view.descriptor.action_bank)
     except DatasetError as error:
         raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 

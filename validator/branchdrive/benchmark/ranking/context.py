@@ -124,11 +124,11 @@ def _route_labels(state: Frame, groups: Sequence[str], features: Sequence[str]) 
 
 
 def _history(frame_of: Callable[[str], Frame], groups: Sequence[str], contract: InputContract) -> Array | None:
-    parts = [summaries(pack_history(frame_of(table), table, groups)) for table in ("state", "past_controls")]
+    parts = [summaries(pack_history([frame_of(table)], table, groups)) for table in ("state", "past_controls")]
     if contract is not InputContract.SENSOR:
-        parts.append(summaries(pack_history(frame_of("expert"), "expert", groups)))
+        parts.append(summaries(pack_history([frame_of("expert")], "expert", groups)))
     if contract is InputContract.PRIVILEGED:
-        surroundings = pack_surroundings(frame_of("surroundings"), groups)
+        surroundings = pack_surroundings([frame_of("surroundings")], groups)
         if surroundings is None:
             return None
         parts.append(summaries(surroundings.values))

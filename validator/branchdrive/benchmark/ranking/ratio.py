@@ -43,7 +43,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +139,7 @@ def _rate(found: Terms, place_of: Indices) -> Figure:
     return figure._replace(low=low, high=high)
 
 
-def _resampled(found: Mapping[str, Terms], place_of: Indices, draws: Array) -> dict[str, Figure]:
+def _resampled(found: Mapping[str, Terms], place_of: Indices, draws: NDArray[Any]) -> dict[str, Figure]:
     parts = [np.ones(len(place_of)), *(part for each in found.values() for part in each)]
     by_cluster = np.stack([np.bincount(place_of, part, draws.shape[1]).astype(np.float64) for part in parts], axis=1)
     whole, drawn = by_cluster.sum(axis=0), sums(draws, by_cluster)

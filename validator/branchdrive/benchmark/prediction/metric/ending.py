@@ -46,6 +46,6 @@ class Endings:
         """Which drives are known to be clean to their end ``[N, A]``."""
         return np.asarray(self.is_known & ~self.events.any(axis=2))
 
-    def take(self, groups: Index | Mask) -> Endings:
+    def take(self, groups: Index | Mask | slice) -> Endings:
         """Endings of these groups, in this order."""
         return Endings(self.events[groups], self.monitored[groups], self.completed[groups], self.route_fraction[groups])

@@ -58,7 +58,7 @@ class Outcomes:
             raise ValueError(f"a mask of shape {list(mask.shape)} does not match values {list(values.shape)}")
         complete = np.asarray(~np.isnan(paths).any(axis=(2, 3)))
         values = np.where(mask, values, 0.0)
-        paths = np.where(complete[:, :, None, None], paths, 0.0)
+        paths = paths if complete.all() else np.where(complete[:, :, None, None], paths, 0.0)
         _check_numbers("an available outcome", values, paths)
         return cls(values, mask, paths, complete)
 
@@ -112,6 +112,6 @@ def _check_shapes(scalars: Array, paths: Array) -> None:
 
 def _check_numbers(what: str, *arrays: Array) -> None:
     for values in arrays:
-        wrong = values[~(np.abs(values) <= MAX_MAGNITUDE)]
-        if wrong.size:
+        if not (values.min() >= -MAX_MAGNITUDE and values.max() <= MAX_MAGNITUDE):  # NaN is no such number either
+            wrong = values[~(np.abs(values) <= MAX_MAGNITUDE)]
             raise ValueError(f"{what} is {float(wrong[0])!r}, not a finite number within +-{MAX_MAGNITUDE:g}")

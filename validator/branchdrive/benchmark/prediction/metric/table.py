@@ -193,7 +193,7 @@ def compare(
     groups, whole = sign_flip(differences, signs), sign_flip(differences, cluster_signs, clusters)
     parts = resampling.split(counted_mean(resampling, differences))
     ends = intervals(*parts, groups.num_units, whole.num_units)
-    studentised = studentised_p(differences, resampling.by_group.astype(np.float64))
+    studentised = studentised_p(differences, resampling.by_group)
     correlation = intra_cluster_correlation(differences, clusters)
     return tuple(
         Comparison(
