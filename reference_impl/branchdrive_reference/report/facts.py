@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from branchdrive.card.card import ADDED, REQUIRED
 from branchdrive.contract.descriptor import Descriptor
@@ -20,7 +18,6 @@ from branchdrive.contract.layer import LAYERS
 from branchdrive.contract.layout import BENCHMARK, LATENCY_FILE, layer_of
 from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import printable
-from branchdrive.engine.examine import examine
 from branchdrive.engine.group_result import GroupResult
 from branchdrive.engine.reading import Progress
 from branchdrive.engine.report import Report
@@ -31,15 +28,15 @@ from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_layer_table
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
-from branchdrive.raw.shard_view import ShardView
 from branchdrive.runtime.executor import Executor, in_process
+from branchdrive_reference.report.judgement import Judgement, judged
 from branchdrive_reference.report.scene import Scene, read_scene
 from branchdrive_reference.report.shard_rows import ShardRows
 from branchdrive_reference.study.label import label, sentence
 from branchdrive_reference.study.study import Study
 from branchdrive_reference.study.survey import study_dataset
 
-__all__ = ["DatasetReport", "GroupFacts", "read_report", "scenes"]
+__all__ = ["DatasetReport", "GroupFacts", "Seen", "read_report", "scenes"]
 
 _DOCUMENTS = (*REQUIRED.values(), *ADDED.values(), LATENCY_FILE)
 """Documents of a release that a report shows."""
@@ -227,8 +224,26 @@ def _groups(dataset: Dataset, validation: Report, assignment: Mapping[str, str])
                     yield GroupFacts(group_id, row["scenario_type"], row["town"], assignment.get(group_id, ""), result)
 
 
-def scenes(dataset: Dataset, wanted: frozenset[str]) -> Iterator[tuple[ShardRows, str, Scene]]:
-    """Scenes of the wanted groups with the shard of each, one shard in memory at a time."""
+class Seen(NamedTuple):
+    """A group as it is read for its picture.
+
+    Attributes:
+        rows: Its shard.
+        scene: What can be shown of it; that of a shard without a wanted group is empty.
+        judgement: What the rules say of the shard; ``None`` where they cannot judge it.
+        records: Rows of the rollouts table of the shard.
+        places: Those of the group.
+    """
+
+    rows: ShardRows
+    scene: Scene
+    judgement: Judgement | None = None
+    records: Sequence[Mapping[str, Any]] = ()
+    places: Sequence[int] = ()
+
+
+def scenes(dataset: Dataset, wanted: frozenset[str]) -> Iterator[Seen]:
+    """The wanted groups with the shard of each, one shard in memory at a time."""
     descriptor = dataset.descriptor
     for shard in dataset.shards:
         rows = ShardRows(shard, descriptor)
@@ -238,25 +253,10 @@ def scenes(dataset: Dataset, wanted: frozenset[str]) -> Iterator[tuple[ShardRows
             if record["group_id"] in wanted:
                 own.setdefault(record["group_id"], []).append(place)
         if not own:
-            yield rows, "", Scene("", ())
+            yield Seen(rows, Scene("", ()))
             continue
-        chosen = _chosen(rows, descriptor)
+        judgement = judged(rows, descriptor)
         for group_id, places in own.items():
-            yield (
-                rows,
-                group_id,
-                read_scene(
-                    rows, records, places, descriptor.action_bank, None if chosen is None else chosen.get(group_id)
-                ),
-            )
-
-
-def _chosen(rows: ShardRows, descriptor: Descriptor) -> dict[str, list[int]] | None:
-    """The canonical attempts of the groups of a shard; ``None`` where a table of it cannot be read."""
-    if not rows.is_whole:
-        return None
-    view = ShardView(rows.tables, descriptor)
-    with np.errstate(all="ignore"):
-        _, examination = examine(view)
-    selection = examination.selection.chosen.tolist()
-    return dict(zip(map(str, view.group_ids), selection, strict=True))
+            chosen = None if judgement is None else judgement.chosen.get(group_id)
+            scene = read_scene(rows, records, places, descriptor.action_bank, chosen)
+            yield Seen(rows, scene, judgement, records, places)

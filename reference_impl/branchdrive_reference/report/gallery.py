@@ -8,24 +8,28 @@ from typing import Any, NamedTuple
 
 from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.descriptor import Descriptor
-from branchdrive.contract.text import counted
+from branchdrive.contract.text import counted, printable
+from branchdrive.engine.finding import Finding
+from branchdrive.text.brief import brief
 from branchdrive_reference.report.encode import encoded_scene
-from branchdrive_reference.report.facts import DatasetReport, GroupFacts, scenes
+from branchdrive_reference.report.facts import DatasetReport, GroupFacts, Seen, scenes
+from branchdrive_reference.report.fault import Fault, Faults
 from branchdrive_reference.report.images import camera_images
 from branchdrive_reference.report.roads import Roads
-from branchdrive_reference.report.scene import Scene
-from branchdrive_reference.report.shard_rows import ShardRows
 from branchdrive_reference.report.template import island
 from branchdrive_reference.report.thumbnail import Thumbnail, thumbnail
 from branchdrive_reference.study.label import label
 
-__all__ = ["Card", "Gallery", "played_group"]
+__all__ = ["NO_FINDING", "WITH_FINDINGS", "Card", "Gallery", "played_group"]
 
-PLAYED_BYTES = 6_000_000
+PLAYED_BYTES = 5_600_000
 """Data of groups that open in the page itself, without images."""
 
 IMAGE_BYTES = 2_000_000
 """Of all camera images of the page."""
+
+WITH_FINDINGS, NO_FINDING = "with findings", "no finding"
+"""What groups are filtered by, beside single rules."""
 
 _MOST_CARDS = 1000
 
@@ -41,23 +45,38 @@ class Card(NamedTuple):
     tone: str
     contact: str
     contact_text: str
+    rules: Sequence[str]
     picture: Thumbnail | None
     remark: str
     place: int | None
     href: str | None
 
+    @property
+    def findings(self) -> list[str]:
+        """What it is filtered by: whether there are findings, and of which rules."""
+        return [WITH_FINDINGS, *self.rules] if self.rules else [NO_FINDING]
+
 
 class Gallery:
-    """Groups of a report as cards, and the data of those that its page plays."""
+    """Groups of a report as cards, and the data of those that its page plays.
 
-    def __init__(self, report: DatasetReport, folder: str | None) -> None:
+    Args:
+        report: The report.
+        folder: Name of the folder of pages of single groups; ``None`` where there are none.
+        faults: What is wrong in single groups.
+    """
+
+    def __init__(self, report: DatasetReport, folder: str | None, faults: Faults) -> None:
         self.folder = folder
+        self.faults = faults
         self.played: list[Any] = []
         self.towns: dict[str, Any] = {}
         self.beside: list[GroupFacts] = []
         self._report = report
         self._places: dict[str, int] = {}
         self._found: dict[str, tuple[Thumbnail | None, Any, str]] = {}
+        self._links: dict[str, str] = {}
+        self._spots: dict[tuple[str, str], list[Finding]] = {}
 
     def cards(self) -> list[Card]:
         """Cards of the first groups, each with its drawing."""
@@ -65,20 +84,41 @@ class Gallery:
         if dataset is None:
             return []
         facts = {group.group_id: group for group in report.groups}
-        order = _mixed(report.groups)[:_MOST_CARDS]
+        order = _mixed(report.groups, self.faults)[:_MOST_CARDS]
         roads = Roads(dataset.descriptor)
         share = IMAGE_BYTES // max(len(order), 1)
-        for rows, group_id, scene in scenes(dataset, frozenset(group.group_id for group in order)):
-            roads.collect(rows)
-            if group_id:
+        for seen in scenes(dataset, frozenset(group.group_id for group in order)):
+            roads.collect(seen.rows)
+            if group_id := seen.scene.group_id:
+                found = self.faults.of(seen.scene, seen.records, seen.places, seen.judgement)
                 picture, document, contact = played_group(
-                    facts[group_id], scene, roads, rows, dataset.descriptor, share
+                    facts[group_id], seen, found, roads, dataset.descriptor, share
                 )
                 self._found[group_id] = picture, island(document), contact
+                self._note(group_id, found)
         self._choose(order)
         self.towns = roads.packed()
         shown = {group.group_id for group in order}
         return [self._card(group) for group in report.groups if group.group_id in shown]
+
+    def href(self, finding: Finding) -> str | None:
+        """Where the player shows the place of a finding; ``None`` where no group of it opens."""
+        name = str(finding.group_id)
+        if name not in self._links:
+            return None
+        spots = self._spots.get((name, finding.rule), [])
+        same = (i for i, spot in enumerate(spots) if _place(spot) == _place(finding))
+        first = next(same, 0)
+        return f"{self._links[name]}-{finding.rule}-{first}" if spots else self._links[name]
+
+    def group_href(self, name: str) -> str | None:
+        """Where the player shows a group, named safe to print; ``None`` where it does not open."""
+        return self._links.get(name)
+
+    def _note(self, group_id: str, faults: Sequence[Fault]) -> None:
+        name = printable(group_id[:128])
+        for fault in faults:
+            self._spots[name, fault.info.id] = [spot.finding for spot in fault.spots]
 
     @property
     def text(self) -> str:
@@ -104,9 +144,11 @@ class Gallery:
         for group in self._report.groups:
             if group.group_id in kept:
                 self._places[group.group_id] = len(self.played)
+                self._links[printable(group.group_id[:128])] = f"#play-{len(self.played)}"
                 self.played.append(self._found[group.group_id][1])
             elif self.folder is not None and re.fullmatch(PATTERNS["id"], group.group_id):
                 self.beside.append(group)
+                self._links[group.group_id] = f"{self.folder}/{group.group_id}.html#play-0"
 
     def _card(self, group: GroupFacts) -> Card:
         picture, _, contact = self._found.get(group.group_id, (None, "", "unknown"))
@@ -116,7 +158,8 @@ class Gallery:
         tone = "note" if result is None else "good" if result.qualifies else "warning"
         return Card(
             label(group.group_id), label(group.scenario_type), label(group.town), group.partition, group.outcome, tone,
-            contact, _CONTACTS[contact], picture, "" if picture else "Nothing of this group can be drawn.", place,
+            contact, _CONTACTS[contact], self.faults.rules_of(group.group_id), picture,
+            "" if picture else "Nothing of this group can be drawn.", place,
             f"{self.folder}/{group.group_id}.html" if is_beside else None,
         )  # fmt: skip
 
@@ -129,19 +172,30 @@ _CONTACTS = {
 }
 
 
-def _mixed(groups: Sequence[GroupFacts]) -> list[GroupFacts]:
-    """Groups in the order in which they get room: one of every outcome and scenario type after the other."""
-    kinds: dict[tuple[str, str], list[GroupFacts]] = {}
+def _place(finding: Finding) -> list[Any]:
+    return [finding.location.get(part) for part in ("rollout_id", "tick", "actor_id", "table", "column")]
+
+
+def _mixed(groups: Sequence[GroupFacts], faults: Faults) -> list[GroupFacts]:
+    """Groups in the order in which they get room: one of all that fail alike and have one type after the other."""
+    kinds: dict[tuple[str, ...], list[GroupFacts]] = {}
     for group in groups:
-        kinds.setdefault((group.outcome, group.scenario_type), []).append(group)
+        alike = group.outcome, group.scenario_type, *faults.rules_of(group.group_id)
+        kinds.setdefault(alike, []).append(group)
     turns = max(map(len, kinds.values()), default=0)
     return [members[turn] for turn in range(turns) for members in kinds.values() if turn < len(members)]
 
 
 def played_group(
-    group: GroupFacts, scene: Scene, roads: Roads, rows: ShardRows, descriptor: Descriptor, image_bytes: int
+    group: GroupFacts,
+    seen: Seen,
+    faults: Sequence[Fault],
+    roads: Roads,
+    descriptor: Descriptor,
+    image_bytes: int,
 ) -> tuple[Thumbnail | None, dict[str, Any], str]:
     """Drawing, data for the player and contacts of a group."""
+    scene, rows = seen.scene, seen.rows
     remarks = list(scene.remarks)
     about = [label(group.scenario_type), label(group.town), group.partition, group.outcome]
     document: dict[str, Any] = {
@@ -149,7 +203,10 @@ def played_group(
         "about": " · ".join(text for text in about if text),
     }  # fmt: skip
     if group.result is not None and not group.result.qualifies:
-        remarks.insert(0, f"It is {group.outcome}: {group.result.reason}.")
+        (reason,) = brief(group.result.reason)
+        remarks.insert(0, f"It is {group.outcome}: {reason}.")
+    if seen.judgement is None:
+        remarks.append("Rules on rows did not run here; what is wrong with the files is in the report.")
     picture, contact = None, "unknown"
     if scene.futures:
         elements = roads.around(group.town, scene)
@@ -168,4 +225,6 @@ def played_group(
             if len(scene.futures[0].contacts):
                 contact = "nominal touches"
     document["remarks"] = remarks
+    document["faults"] = [fault.to_json() for fault in faults]
+    document["judged"] = group.result is not None
     return picture, document, contact

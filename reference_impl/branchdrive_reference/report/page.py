@@ -10,13 +10,15 @@ from typing import Any, NamedTuple
 
 from branchdrive.cli.formats.causes import CAUSES_HEAD, CauseText
 from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place
-from branchdrive.cli.funnel import funnel_table, lost_groups, lost_title
+from branchdrive.cli.funnel import LostGroups, funnel_table, lost_groups, lost_title
 from branchdrive.contract.resources import rule_page_text
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted
+from branchdrive.engine.finding import Finding
 from branchdrive.engine.report import Report
 from branchdrive_reference.report.facts import DatasetReport, scenes
-from branchdrive_reference.report.gallery import Card, Gallery, played_group
+from branchdrive_reference.report.fault import Faults
+from branchdrive_reference.report.gallery import NO_FINDING, WITH_FINDINGS, Card, Gallery, played_group
 from branchdrive_reference.report.picture import forest, funnel_bars
 from branchdrive_reference.report.roads import Roads, packed_roads
 from branchdrive_reference.report.section import sections
@@ -60,7 +62,8 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
     bank = None if report.descriptor is None else report.descriptor.action_bank
     outcome = Outcome.of(report.validation, _FINDINGS_LISTED)
     style = asset("report.css") + ("" if bank is None else palette(bank))
-    gallery = Gallery(report, folder)
+    faults = Faults(report.validation)
+    gallery = Gallery(report, folder, faults)
     cards = gallery.cards()
     context = {
         "title": _title(report),
@@ -74,10 +77,10 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
         "filters": _filters(cards),
         "played": gallery.played,
         "played_text": gallery.text,
-        "shared": island(shared_data(bank, gallery.towns)),
+        "shared": island(shared_data(bank, gallery.towns, faults.levels)),
         "sections": sections(report),
         "figures": [(label(key), _data_uri(content)) for key, content in report.figures.items()],
-        **_validation_context(report.validation, outcome),
+        **_validation_context(report.validation, outcome, gallery),
     }
     context["contents"] = _contents(context)
     page = rendered_page("report.html.j2", style, **context)
@@ -137,22 +140,25 @@ def _more(count: int, noun: str) -> str:
     return f"and {counted(count, f'more {noun}')}; `branchdrive report --format json` lists all" if count > 0 else ""
 
 
-def _validation_context(validation: Report, outcome: Outcome) -> dict[str, Any]:
-    """Funnel, lost groups, findings and rule pages."""
+def _validation_context(validation: Report, outcome: Outcome, gallery: Gallery) -> dict[str, Any]:
+    """Funnel, lost groups, findings and rule pages; links into the player lead to the groups of the gallery."""
     lost = lost_groups(validation)
     named = {failure.info.id for *_, failures in outcome.sections for failure in failures}
     named |= {rule for same in lost for rule in (*same.rules, *same.further)}
+    first = {cause.rule_id: cause.first for cause in validation.causes.first}
     response = validation.response
     return {
         "funnel": None if validation.funnel is None else funnel_bars(validation.funnel),
         "funnel_table": None if validation.funnel is None else funnel_table(validation.funnel),
-        "lost": lost[:_MOST_LOST],
+        "lost": [_lost(same, gallery) for same in lost[:_MOST_LOST]],
+        "most_groups": _MOST_NAMES,
         "lost_more": _more(sum(len(same.names) for same in lost[_MOST_LOST:]), "group"),
-        "most_names": _MOST_NAMES,
         "lost_title": lost_title(validation),
         "causes_head": CAUSES_HEAD,
-        "causes": [_cause(cause) for cause in outcome.causes],
-        "findings": [(head, [_failure(level, one) for one in failures]) for level, head, failures in outcome.sections],
+        "causes": [_cause(cause, first[cause.info.id], gallery) for cause in outcome.causes],
+        "findings": [
+            (head, [_failure(level, one, gallery) for one in failures]) for level, head, failures in outcome.sections
+        ],
         "unjudged": outcome.unjudged,
         "waivers": [f"{waiver.rule} at {label(waiver.location)}: {use}" for waiver, use in outcome.waivers],
         "forest": None if response is None or not response.actions else forest(response),
@@ -164,7 +170,7 @@ def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def _cause(cause: CauseText) -> dict[str, Any]:
+def _cause(cause: CauseText, first: Finding | None, gallery: Gallery) -> dict[str, Any]:
     info = cause.info
     return {
         "id": info.id,
@@ -172,12 +178,13 @@ def _cause(cause: CauseText) -> dict[str, Any]:
         "tone": "error" if info.decides else "warning" if info.level == "MUST" else "note",
         "where": cause.where,
         "found": cause.found,
+        "href": None if first is None else gallery.href(first),
         "follows": _sentence(cause.follows),
         "remedy": cause.remedy,
     }
 
 
-def _failure(level: Level, failure: Failure) -> dict[str, Any]:
+def _failure(level: Level, failure: Failure, gallery: Gallery) -> dict[str, Any]:
     places, left = failure.places, failure.num_left
     return {
         "id": failure.info.id,
@@ -186,16 +193,31 @@ def _failure(level: Level, failure: Failure) -> dict[str, Any]:
         "tone": level,
         "summary": failure.summary,
         "follows": _sentence(failure.follows),
-        "shown": [_place(place) for place in places[:_FINDINGS_SHOWN]],
+        "shown": [_place(place, gallery) for place in places[:_FINDINGS_SHOWN]],
         "further_text": counted(len(places) - _FINDINGS_SHOWN, "more place"),
-        "further": [_place(place) for place in places[_FINDINGS_SHOWN:]],
+        "further": [_place(place, gallery) for place in places[_FINDINGS_SHOWN:]],
         "left": f"and {left:,} more violations elsewhere" if left > 0 else "",
         "remedy": failure.remedy,
     }
 
 
-def _place(place: Place) -> dict[str, str]:
-    return {"where": place.where + place.more, "expected": place.expected, "found": place.found}
+def _lost(same: LostGroups, gallery: Gallery) -> dict[str, Any]:
+    return same._asdict() | {"names": [(name, gallery.group_href(name)) for name in same.names]}
+
+
+def _place(place: Place, gallery: Gallery) -> dict[str, Any]:
+    first: dict[str, Finding] = {}
+    for finding in place.findings:
+        if finding.group_id is not None:
+            first.setdefault(finding.group_id, finding)
+    groups = [(label(name), gallery.href(finding)) for name, finding in first.items()]
+    return {
+        "where": place.where + place.more,
+        "expected": place.expected,
+        "found": place.found,
+        "href": gallery.href(place.findings[0]),
+        "groups": groups if len(groups) > 1 else [],
+    }
 
 
 @cache
@@ -222,6 +244,8 @@ def _filters(cards: Iterable[Card]) -> list[tuple[str, str, list[str]]]:
         (name, title, sorted({getattr(card, column) for card in cards} - {""}))
         for name, (column, title) in titles.items()
     ]
+    if rules := sorted({rule for card in cards for rule in card.rules}):
+        found.append(("rules", "Findings", [WITH_FINDINGS, NO_FINDING, *rules]))
     return [entry for entry in found if entry[2]]
 
 
@@ -232,15 +256,17 @@ def _beside(report: DatasetReport, gallery: Gallery, style: str, name: str) -> I
     facts = {group.group_id: group for group in gallery.beside}
     bank = report.dataset.descriptor.action_bank
     known = Roads(report.dataset.descriptor)
-    for rows, group_id, scene in scenes(report.dataset, frozenset(facts)):
-        known.collect(rows)
+    for seen in scenes(report.dataset, frozenset(facts)):
+        known.collect(seen.rows)
+        group_id = seen.scene.group_id
         if not group_id:
             continue
         group = facts[group_id]
-        _, document, _ = played_group(group, scene, known, rows, report.dataset.descriptor, _IMAGE_BYTES_BESIDE)
-        elements = known.around(group.town, scene) if scene.futures else []
+        faults = gallery.faults.of(seen.scene, seen.records, seen.places, seen.judgement)
+        _, document, _ = played_group(group, seen, faults, known, report.dataset.descriptor, _IMAGE_BYTES_BESIDE)
+        elements = known.around(group.town, seen.scene) if seen.scene.futures else []
         towns = {group.town: packed_roads(elements)} if elements else {}
-        shared = island(shared_data(bank, towns))
+        shared = island(shared_data(bank, towns, gallery.faults.levels, report=f"../{name}"))
         page = rendered_page(
             "group.html.j2", style, title=label(group_id), back=f"../{name}", shared=shared, played=[island(document)],
             opens=True,

@@ -78,6 +78,7 @@ class Future:
     Attributes:
         policy: The candidate.
         rollout_id: The attempt that is shown.
+        branch_tick: Its tick from which times count.
         tick: Ticks of its observations since the branch, increasing ``[rows]``.
         x_m: Ego box centre ``[rows]``.
         y_m: Ego box centre ``[rows]``.
@@ -92,6 +93,7 @@ class Future:
 
     policy: Policy
     rollout_id: str
+    branch_tick: int
     tick: Ticks
     x_m: Array
     y_m: Array
@@ -228,7 +230,7 @@ def _future(shard: ShardRows, record: Mapping[str, Any], policy: Policy) -> Futu
     actors = shard.streams.get("actors")
     tracks = {} if actors is None else _tracks(actors, rollout_id, zero, (tick, x, y))
     yaw = np.unwrap(yaw)
-    return Future(policy, rollout_id, tick, x, y, yaw, speed, gap, touched, control_tick, controls, tracks)
+    return Future(policy, rollout_id, zero, tick, x, y, yaw, speed, gap, touched, control_tick, controls, tracks)
 
 
 def _in_view(tick: Ticks) -> NDArray[np.bool_]:

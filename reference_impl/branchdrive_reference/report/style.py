@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from branchdrive.cli.formats.outcome import Level
 from branchdrive.contract.bank import ActionBank
+from branchdrive.contract.rule import CATALOGUE
 from branchdrive_reference.drawing.palette import Rgb, candidate_colours
 from branchdrive_reference.report.encode import STEPS
 from branchdrive_reference.report.roads import STEP_M
@@ -52,8 +54,17 @@ def _words(key: str) -> str:
     return label(key).replace("_", " ")
 
 
-def shared_data(bank: ActionBank | None, towns: Mapping[str, Any]) -> dict[str, Any]:
-    """What all groups of a page have in common."""
+def shared_data(
+    bank: ActionBank | None, towns: Mapping[str, Any], levels: Mapping[str, Level], *, report: str = ""
+) -> dict[str, Any]:
+    """What all groups of a page have in common.
+
+    Args:
+        bank: The action bank.
+        towns: Roads by town.
+        levels: How grave it is that a rule fails, of rules that do.
+        report: Address of the report that the page belongs to; empty where it is the page.
+    """
     numbers = {} if bank is None else families(bank)
     return {
         "bank": []
@@ -65,4 +76,6 @@ def shared_data(bank: ActionBank | None, towns: Mapping[str, Any]) -> dict[str, 
         "families": [_words(name) for name in numbers],
         "steps": {**STEPS, "road_m": STEP_M},
         "towns": dict(towns),
+        "rules": {rule_id: [CATALOGUE[rule_id].title, level] for rule_id, level in levels.items()},
+        "report": report,
     }

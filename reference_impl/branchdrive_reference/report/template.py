@@ -17,7 +17,7 @@ from typing import Any
 
 __all__ = ["asset", "island", "rendered_page"]
 
-_SCRIPTS = ("decode.js", "theme.js", "gallery.js", "map.js", "chart.js", "player.js")
+_SCRIPTS = ("decode.js", "theme.js", "gallery.js", "map.js", "chart.js", "faults.js", "player.js")
 """In the order in which they run."""
 
 _RULE = re.compile(r"\bBD-[A-Z]{3}-[0-9]{3}\b")

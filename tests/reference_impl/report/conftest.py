@@ -28,6 +28,12 @@ def damaged_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return damaged(tmp_path_factory.mktemp("report") / "damaged")
 
 
+@pytest.fixture(scope="session")
+def damaged_page(damaged_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """Its report."""
+    return made(damaged_dataset, tmp_path_factory.mktemp("report") / "damaged.html")
+
+
 @pytest.fixture(autouse=True)
 def _remembered_audits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports are made in this process; workers make `page`."""

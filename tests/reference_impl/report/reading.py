@@ -31,6 +31,7 @@ class Page(HTMLParser):
     """The elements of a page.
 
     Attributes:
+        path: Where it is.
         content: Its bytes.
         elements: Names and attributes of all elements, in order.
         text: What a reader sees, without scripts and styles.
@@ -38,6 +39,7 @@ class Page(HTMLParser):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
+        self.path = path
         self.content = path.read_bytes()
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.scripts: dict[str, str] = {}

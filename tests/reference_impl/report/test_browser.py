@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from tests.reference_impl.report.browser import Visit, chromium, visits
-from tests.reference_impl.report.reading import made
+from tests.reference_impl.report.reading import Page, made
 from tests.reference_impl.report.samples import HOSTILE, every, written
 from tests.sampling import THOROUGH
 
@@ -201,16 +201,74 @@ def test_places_are_those_that_were_recorded(browser: Any, path: Path, dataset: 
             assert set(found[3]) <= set(rollout.column("actors", "actor_id").tolist())
 
 
-def test_a_group_that_cannot_be_drawn_says_so(browser: Any, damaged_dataset: Path, tmp_path: Path) -> None:
-    made(damaged_dataset, tmp_path / "report.html")
-    with visits(browser, tmp_path / "report.html") as visit:
+def test_what_of_a_damaged_group_is_drawn_and_what_is_not_is_said(browser: Any, damaged_page: Page) -> None:
+    with visits(browser, damaged_page.path, width=390, scheme="dark") as visit:
         assert violations(visit.page) == []
         opened(visit)
         said = visit.page.locator("#player-remarks").text_content()
         assert "no attempt is recorded" in said
         for mode in "123":
             visit.press(mode, "ArrowRight")
+            assert visit.state("dialog.scrollWidth <= dialog.clientWidth")
+        assert "brake 0.30, attempt 1 (not drawn)" in visit.page.locator("#fault-list").text_content()
         assert violations(visit.page) == []
+        visit.press("n")
+        assert visit.page.locator("#player-whole").is_hidden()
+        assert "Floating-point values are finite" in visit.page.locator("#fault-list").text_content()
+        assert visit.page.locator("#fault-list button").count() == 0
+        assert violations(visit.page) == []
+        visit.press("n")
+        assert "No rule finds anything" in visit.page.locator("#faults").text_content()
+
+
+def test_the_example_of_a_finding_leads_to_its_place_in_the_player_and_back(browser: Any, damaged_page: Page) -> None:
+    with visits(browser, damaged_page.path) as visit:
+        example = visit.page.locator("#BD-VAL-002 a.play[href='#play-0-BD-VAL-002-0']")
+        example.focus()
+        visit.press("Enter")
+        shown = visit.state("[player.group.name, nameOf(chosenFutures()[0]), player.tick]")
+        assert shown == ["g0", "accelerate 0.50", 20]
+        assert "yaw_rad of actors" in visit.page.locator("#spot-text").text_content()
+        pressed = visit.page.locator("#fault-list button[aria-pressed=true]")
+        assert pressed.text_content() == "accelerate 0.50, actor 1, at +1.00 s"
+        assert visit.state("document.activeElement.getAttribute('aria-pressed')") == "true"
+        assert violations(visit.page) == []
+        visit.press("Escape")
+        assert visit.state("document.activeElement.hash") == "#play-0-BD-VAL-002-0"
+        visit.press("Enter")
+        visit.page.locator("#fault-list a", has_text="BD-VAL-002").focus()
+        visit.press("Enter")
+        assert not visit.state("dialog.open")
+        assert visit.state("document.activeElement.closest('article').id") == "BD-VAL-002"
+
+
+def test_places_of_findings_are_marked_on_time_and_map_and_reached_by_keys(browser: Any, damaged_page: Page) -> None:
+    with visits(browser, damaged_page.path, fragment="#play-0-BD-VAL-002-0") as visit:
+        marks = "[...document.querySelectorAll('#time-marks span')].map((one) => one.textContent + one.className)"
+        assert sorted(visit.state(marks)) == ["▼chosen", "◀"]  # the other begins before what is shown
+        (left,) = visit.state("[...document.querySelectorAll('#time-marks .chosen')].map((one) => one.offsetLeft)")
+        thumb = visit.state("(() => { const one = byId('time'); return 8 + (one.clientWidth - 16) * 100 / 210; })()")
+        assert abs(left - thumb) < 2
+        figures = ("#map-a", "#chart-speed")
+        with_marks = {figure: drawn(visit, figure) for figure in figures}
+        visit.state("player.group.spots = []; redraw()")
+        assert all(drawn(visit, figure) != with_marks[figure] for figure in figures)
+    with visits(browser, damaged_page.path, fragment="#play-0") as visit:
+        visit.press("f")
+        first = visit.page.locator("#spot-text").text_content()
+        visit.press("f")
+        assert visit.page.locator("#spot-text").text_content() != first
+        visit.press("Shift+F")
+        assert visit.page.locator("#spot-text").text_content() == first
+        assert "(fails 2 rules)" in visit.page.locator("#candidate-a option:checked").text_content()
+
+
+def test_groups_with_findings_are_filtered(browser: Any, damaged_page: Page) -> None:
+    with visits(browser, damaged_page.path) as visit:
+        findings = visit.page.locator("select[data-filter=rules]")
+        for value, names in (("with findings", ["g0", "g1"]), ("no finding", ["g2"]), ("BD-VAL-002", ["g0"])):
+            findings.select_option(value)
+            assert visit.page.locator(".card:visible h3").all_text_contents() == names
 
 
 def test_hostile_text_is_shown_and_does_nothing(browser: Any, tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from tests import synthetic
 from tests.reference_impl.report.reading import Page, made, whole_numbers
-from tests.reference_impl.report.samples import HOSTILE, damaged, every, written
+from tests.reference_impl.report.samples import HOSTILE, every, written
+from tests.synthetic import BRANCH_TICK
 from tests.validator.benchmark.samples import data, noise, prediction_set, risk_fit, small_protocol
 from tests.validator.quality.release import documents, paper_groups, paper_pairs
 
@@ -112,12 +113,16 @@ def test_nothing_is_fetched(page: Page) -> None:
     assert not re.search(r"url\(|@import|https?://(?!www\.w3\.org/2000/svg)", page.style + page.code)
 
 
-def test_every_link_leads_somewhere(tmp_path: Path) -> None:
-    page = made(damaged(tmp_path / "d"), tmp_path / "report.html")
+def test_every_link_leads_somewhere(damaged_page: Page) -> None:
+    page = damaged_page
     ids = {attributes["id"] for _, attributes in page.elements if "id" in attributes}
     links = [str(link["href"])[1:] for link in page.of("a")]
-    assert links
-    assert set(links) <= ids
+    played = [link.split("-", 2) for link in links if link.startswith("play-")]
+    assert {link for link in links if not link.startswith("play-")} <= ids
+    for _, place, *fault in played:
+        found = {one["rule"]: len(one["spots"]) for one in page.groups[int(place)]["faults"]}
+        assert all(int(spot[11:]) < found[spot[:10]] for spot in fault)
+    assert {place for _, place, *_ in played} == {"0", "1"}
 
 
 @pytest.mark.parametrize("column", ["scenario_type", "town", "route_id", "environment", "group_id"])
@@ -149,8 +154,8 @@ def test_causes_stand_before_what_follows_from_them(tmp_path: Path) -> None:
     assert elements.index(lost) > elements.index(page.of("article")[-1])
 
 
-def test_groups_that_do_not_qualify_are_named_with_their_reasons(damaged_dataset: Path, tmp_path: Path) -> None:
-    page = made(damaged_dataset, tmp_path / "report.html")
+def test_groups_that_do_not_qualify_are_named_with_their_reasons(damaged_dataset: Path, damaged_page: Page) -> None:
+    page = damaged_page
     validated = validate(damaged_dataset)
     lost = [group for group in validated.groups or () if not group.qualifies]
     assert lost
@@ -160,9 +165,8 @@ def test_groups_that_do_not_qualify_are_named_with_their_reasons(damaged_dataset
         assert group.reason.replace("`", "") in page.text
 
 
-def test_a_damaged_group_opens_and_says_what_it_lacks(damaged_dataset: Path, tmp_path: Path) -> None:
-    page = made(damaged_dataset, tmp_path / "report.html")
-    (first,) = [group for group in page.groups if group["name"] == "g0"]
+def test_a_damaged_group_opens_and_says_what_it_lacks(damaged_page: Page) -> None:
+    first, second, _ = damaged_page.groups
     keys = {future["key"] for future in first["futures"]}
     assert "brake_0.30" not in keys
     assert "steer_left_0.05" not in keys
@@ -170,7 +174,46 @@ def test_a_damaged_group_opens_and_says_what_it_lacks(damaged_dataset: Path, tmp
     said = " ".join(first["remarks"])
     assert "brake_0.30: no observation within the horizon has a place" in said
     assert "steer_left_0.05: no attempt is recorded" in said
-    assert all(actor[1] < 0 for future in first["futures"] for actor in future["actors"])
+    boxed = {future["key"] for future in first["futures"] if any(actor[1] >= 0 for actor in future["actors"])}
+    assert boxed == {"accelerate_0.50"}
+    assert "futures" not in second
+    assert "No candidate of this group can be drawn." in second["remarks"]
+
+
+def test_the_rules_that_a_group_fails_are_those_of_the_validator(damaged_dataset: Path, damaged_page: Page) -> None:
+    report = validate(damaged_dataset)
+    assert report.funnel is not None
+    for group, outcome in zip(damaged_page.groups, report.funnel.outcomes, strict=True):
+        assert {fault["rule"] for fault in group["faults"]} == {rule for rule, _ in outcome.failed}
+        said = {fault["rule"]: fault["extent"].partition(" of ")[0] for fault in group["faults"]}
+        assert said == {rule: str(number) for rule, number in outcome.failed}
+    assert not damaged_page.groups[2]["faults"]
+    assert all(group["judged"] for group in damaged_page.groups)
+
+
+def test_a_place_names_candidate_tick_and_actor(damaged_page: Page) -> None:
+    first, second, _ = damaged_page.groups
+    faults = {fault["rule"]: fault for fault in first["faults"]}
+    keys = [future["key"] for future in first["futures"]]
+    degrees, huge = faults["BD-VAL-002"]["spots"]
+    assert [keys[degrees[0]], degrees[1], degrees[3:5]] == ["accelerate_0.50", 20, ["", 1]]
+    assert degrees[2] in [actor[0] for actor in first["futures"][degrees[0]]["actors"]]
+    assert faults["BD-VAL-002"]["texts"][degrees[5]].startswith("yaw_rad of actors: expected -3.14159 .. 3.14159 rad")
+    assert [keys[huge[0]], huge[1], huge[4]] == ["brake_0.50", -BRANCH_TICK, 21]
+    lacking = [spot[3] for spot in faults["BD-VAL-001"]["spots"] if spot[0] < 0]
+    assert lacking[:3] == [
+        "brake 0.30, attempt 1", "replay of the nominal, attempt 1", "replay of the nominal, attempt 2",
+    ]  # fmt: skip
+    assert {place for fault in second["faults"] for place, *_ in fault["spots"]} == {-1}
+
+
+def test_a_place_is_told_where_the_validator_keeps_none_of_the_group(damaged_dataset: Path, damaged_page: Page) -> None:
+    kept = [finding for finding in validate(damaged_dataset).findings if finding.rule == "BD-BOX-001"]
+    assert {finding.group_id for finding in kept} == {None}  # rows of the attempt that lacks come first
+    for group in damaged_page.groups[:2]:
+        (fault,) = (fault for fault in group["faults"] if fault["rule"] == "BD-BOX-001")
+        assert fault["texts"] == ["length_m of actors: expected above 0 and at most 100 m, found -1.0"]
+        assert len(fault["spots"]) == 1
 
 
 @pytest.mark.parametrize("table", ["observations", "actors", "evidence", "controls", "rollouts"])
@@ -192,6 +235,8 @@ def test_a_table_that_cannot_be_read_is_said(table: str, fault: str, dataset: Pa
         assert "No group can be listed" in page.text
     else:
         assert expected[table] in said
+        assert "Rules on rows did not run here" in said
+        assert not any(group["judged"] or group["faults"] for group in page.groups)
 
 
 @pytest.mark.parametrize("name", ["branchdrive.json", "MANIFEST.sha256"])

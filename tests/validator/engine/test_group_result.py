@@ -109,21 +109,21 @@ def test_causes_stand_before_what_follows_from_them() -> None:
     assert GroupResult.of(GroupOutcome("g", True, "integrity", tuple(rules))).rules == tuple(ordered)
 
 
-def test_findings_of_one_group_are_told_once() -> None:
-    def finding(group: str, rollout: str, column: str = "x_m") -> Finding:
-        return Finding("BD-MOT-001", {"group_id": group, "rollout_id": rollout, "column": column}, 1, "a", "b")
+def test_findings_that_say_the_same_are_told_once() -> None:
+    def finding(group: str, rollout: str, column: str = "x_m", found: str = "1.5 m") -> Finding:
+        return Finding("BD-MOT-001", {"group_id": group, "rollout_id": rollout, "column": column}, 1, "0 m", found)
 
     found = [
         finding("g0", "r0"),
-        finding("g0", "r1"),
-        finding("g1", "r2"),
-        finding("g0", "r3"),
-        finding("g0", "r3", "y"),
+        finding("g0", "r1", found="no number"),  # of one group one is told
+        finding("g1", "r2", found="-3.25e-05 m"),
+        finding("g2", "r4", found="no number"),
+        finding("g0", "r3", "y_m"),
     ]
     parts = folded(found)
-    assert [len(part) for part in parts] == [3, 1, 1]
-    assert [part[0] for part in parts] == [found[0], found[4], found[2]]  # another column before another group
-    assert [also_in(part) for part in parts] == [", and 2 more attempts of the group", "", ""]
+    assert parts == [(found[0], found[1], found[2]), (found[4],), (found[3],)]  # another column before another text
+    assert [also_in(part) for part in parts] == [", and 2 more attempts in 2 groups", "", ""]
+    assert also_in(found[:2]) == ", and 1 more attempt of the group"
     files = [Finding("BD-LAY-002", {"file": name}, 1, "a", "b") for name in "abc"]
     assert [len(part) for part in folded(files)] == [1, 1, 1]
 

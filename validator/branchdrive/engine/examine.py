@@ -38,6 +38,7 @@ def examine(
     *,
     repeated_rollouts: Collection[str] = (),
     scattered_groups: Collection[str] = (),
+    failures: GroupFailures | None = None,
 ) -> tuple[dict[str, Tally], Examination]:
     """Run the rules of a shard in order.
 
@@ -46,6 +47,7 @@ def examine(
         selected: Rules to run; all by default.
         repeated_rollouts: Attempts whose identity occurs more than once in the dataset.
         scattered_groups: Groups that lie in other shards too.
+        failures: Failures of the groups of the view, which are added to; for callers who look at them.
 
     Returns:
         Totals by rule, and what became of the attempts of the shard.
@@ -58,7 +60,7 @@ def examine(
     claimed = {rule_id: tally for rule_id, tally in tallies.items() if tally.is_claimed}
     in_scope = {scope: [r for r in rules_of(scope) if r in claimed] for scope in ("rows", "rollout", "group")}
 
-    failures = GroupFailures(view)
+    failures = GroupFailures(view) if failures is None else failures
 
     def note_rows(rule_id: str, check: Check) -> None:
         failures.note_first(rule_id, check, _owner(view, check), partial(_of_rows, view))

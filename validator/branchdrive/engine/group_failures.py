@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding
-from branchdrive.engine.group_result import detail_of, hint_of
+from branchdrive.engine.group_result import FirstFindings, detail_of, hint_of
 from branchdrive.raw.funnel import GroupOutcome
 from branchdrive.raw.shard_view import ShardView
 
@@ -38,6 +39,11 @@ class GroupFailures:
         self._attempts: dict[str, NDArray[np.int64]] = {}
         self._groups: dict[str, Mask] = {}
         self._first: dict[tuple[str | None, str], Finding] = {}
+
+    @property
+    def first(self) -> FirstFindings:
+        """The first finding of each group, safe to print, and rule, as far as it is kept."""
+        return MappingProxyType(self._first)
 
     def note_attempts(self, rule_id: str, failed: Mask) -> None:
         """Attempts fail a rule ``[rollouts]``."""

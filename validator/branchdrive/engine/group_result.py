@@ -13,7 +13,7 @@ from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.engine.finding import Finding
 from branchdrive.raw.funnel import STAGES, GroupOutcome
 
-__all__ = ["GroupResult", "detail_of", "hint_of"]
+__all__ = ["FirstFindings", "GroupResult", "detail_of", "hint_of"]
 
 FirstFindings: TypeAlias = Mapping[tuple[str | None, str], Finding]
 _NO_FINDINGS: FirstFindings = MappingProxyType({})

@@ -31,8 +31,9 @@ class Chart {
    * @param lines each with tick, values, colour, width, dash and rows of contacts
    * @param range lowest and highest value, or null to fit
    * @param tick where the cursor is
+   * @param marks ticks of findings, and whether each is chosen
    */
-  draw(lines, range, tick) {
+  draw(lines, range, tick, marks = []) {
     const { pen, canvas } = this;
     const ratio = Math.min(devicePixelRatio || 1, 2);
     const [width, height] = [canvas.clientWidth, 150];
@@ -56,6 +57,17 @@ class Chart {
     pen.clip();
     for (const line of lines) this.line(line, x, y);
     pen.restore();
+    pen.strokeStyle = pen.fillStyle = ink("fault");
+    pen.lineWidth = 1.4;
+    for (const mark of marks) {
+      pen.beginPath();
+      pen.moveTo(x(mark.tick) - 4.5, TOP - 6);
+      pen.lineTo(x(mark.tick) + 4.5, TOP - 6);
+      pen.lineTo(x(mark.tick), TOP + 2);
+      pen.closePath();
+      pen.stroke();
+      if (mark.isChosen) pen.fill();
+    }
     pen.strokeStyle = ink("ink");
     pen.lineWidth = 1;
     pen.beginPath();

@@ -4,10 +4,14 @@ const filters = document.getElementById("filters");
 if (filters !== null) {
   const cards = [...document.querySelectorAll("#cards > .card")];
   const selects = [...filters.querySelectorAll("select")];
+  const isLeft = (card, { value, dataset: { filter } }) => {
+    const own = card.dataset[filter];
+    return value === "" || (filter === "rules" ? own.split("|").includes(value) : own === value);
+  };
   const choose = () => {
     let shown = 0;
     for (const card of cards) {
-      card.hidden = selects.some((select) => select.value !== "" && card.dataset[select.dataset.filter] !== select.value);
+      card.hidden = !selects.every((select) => isLeft(card, select));
       if (!card.hidden) shown += 1;
     }
     document.getElementById("shown-groups").textContent = `${shown} of ${cards.length} groups`;

@@ -53,7 +53,8 @@ class MapView {
   /** Draw a scene.
    * @param group what `decodedGroup` gives
    * @param roads what `roadPaths` gives, or null
-   * @param look tick, chosen futures, shown futures, zoom, pan, follow, ink of a future
+   * @param look tick, chosen futures, shown futures, zoom, pan, follow, ink of a future, places of findings and the
+   *   chosen one of them
    */
   draw(group, roads, look) {
     const { pen, canvas } = this;
@@ -74,6 +75,7 @@ class MapView {
     const [cos, sin] = [Math.cos(turn), Math.sin(turn)];
     const middle = ego ? [cos * ego[0] - sin * ego[1], sin * ego[0] + cos * ego[1]] : [frame.u, frame.v];
     this.scale = scale;
+    this.turn = group.heading;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.fillStyle = ink("ground");
     pen.fillRect(0, 0, width, height);
@@ -94,6 +96,7 @@ class MapView {
       if (isMain) this.ego(future, group.box, look, look.chosen.includes(future) && look.mode !== "all");
       this.contacts(future, look, isMain);
     }
+    this.faults(group, look);
     this.scaleBar(ratio, width, height, scale);
   }
 
@@ -243,6 +246,68 @@ class MapView {
         this.line([future.x[row] - size, future.x[row] + size], [future.y[row] + size, future.y[row] - size]);
       }
     }
+  }
+
+  /** Places of findings: a diamond on the path at its time, a ring around the actor that one names. */
+  faults(group, look) {
+    const { pen, scale } = this;
+    const twice = (draw, lineWidth) => {
+      for (const [colour, extra] of [[ink("paper"), 2.6], [ink("fault"), 0]]) {
+        pen.strokeStyle = colour;
+        pen.lineWidth = (lineWidth + extra) / scale;
+        draw();
+        pen.stroke();
+      }
+    };
+    const named = new Map();
+    const places = new Map();
+    for (const spot of look.spots) {
+      const future = group.futures[spot.future];
+      const isChosen = spot === look.spot;
+      const track = spot.actor === null ? undefined : future.tracks.get(spot.actor);
+      if (track && (isChosen || !named.has(track))) named.set(track, { spot, isChosen });
+      const place = `${spot.future} ${spot.tick}`;
+      if (spot.tick !== null && (isChosen || !places.has(place))) places.set(place, { spot, future, isChosen });
+    }
+    for (const { spot, future, isChosen } of places.values()) {
+      const pose = poseAt(future, spot.tick);
+      if (pose === null) continue;
+      const size = (isChosen ? 9 : 5.5) / scale;
+      twice(() => {
+        pen.beginPath();
+        for (const [x, y] of [[size, 0], [0, size], [-size, 0], [0, -size]]) pen.lineTo(pose[0] + x, pose[1] + y);
+        pen.closePath();
+      }, isChosen ? 2.6 : 1.6);
+    }
+    for (const [track, { spot, isChosen }] of named) {
+      const pose = poseAt(track, look.tick);
+      if (pose === null) continue;
+      const radius = Math.hypot(track.length, track.width) / 2 + 4 / scale;
+      for (const more of [0, 5 / scale]) {
+        twice(() => {
+          pen.beginPath();
+          pen.arc(pose[0], pose[1], radius + more, 0, 7);
+        }, isChosen ? 2.2 : 1.2);
+      }
+      this.text(`actor ${spot.actor}`, pose, radius + 12 / scale);
+    }
+  }
+
+  /** A short text over a place of the map. */
+  text(text, [x, y], above) {
+    const { pen, scale } = this;
+    pen.save();
+    pen.translate(x, y);
+    pen.rotate(this.turn);
+    pen.scale(1 / scale, -1 / scale);
+    pen.font = "600 12px system-ui, sans-serif";
+    pen.textAlign = "center";
+    pen.lineWidth = 4;
+    pen.strokeStyle = ink("paper");
+    pen.fillStyle = ink("fault");
+    pen.strokeText(text, 0, -above * scale);
+    pen.fillText(text, 0, -above * scale);
+    pen.restore();
   }
 
   scaleBar(ratio, width, height, scale) {

@@ -39,7 +39,7 @@ function roadsOf(town) {
 
 const player = {
   group: null, place: -1, mode: "one", tick: 0, isPlaying: false, zoom: 1, pan: [0, 0], follow: false,
-  hiddenFamilies: new Set(), a: 0, b: 0,
+  hiddenFamilies: new Set(), a: 0, b: 0, spot: null, opener: null, leaveTo: null,
 };
 const maps = [new MapView(byId("map-a")), new MapView(byId("map-b"))];
 const goTo = (tick) => {
@@ -77,13 +77,16 @@ function redraw() {
   maps.slice(0, mode === "two" ? 2 : 1).forEach((map, i) => {
     const own = mode === "two" ? [chosen[i]] : chosen;
     const others = mode === "two" ? [] : shown;
-    map.draw(group, roadsOf(group.town), { ...look, chosen: own, shown: others });
+    const spots = spotsOf(group, own);
+    map.draw(group, roadsOf(group.town), { ...look, chosen: own, shown: others, spots, spot: player.spot });
     const names = mode === "all" ? "All candidates" : nameOf(own[0]);
     map.figure.querySelector("span").textContent = names;
     map.figure.querySelector("output").textContent = mode === "all" ? "" : stateText(own[0], tick);
     map.canvas.setAttribute("aria-label", `Map at ${timeText(tick)}: ${names}; ${group.remarkText}`);
   });
-  drawCharts(chosen, shown, tick);
+  const spots = spotsOf(group, chosen);
+  drawTimeMarks(spots, player.spot, chooseSpot);
+  drawCharts(chosen, shown, tick, spots);
   drawCameras(chosen, tick);
 }
 
@@ -105,7 +108,7 @@ function stateText(future, tick) {
   return `${numberText(valueAt(future.tick, future.speed, tick), 1, " m/s")}`;
 }
 
-function drawCharts(chosen, shown, tick) {
+function drawCharts(chosen, shown, tick, spots) {
   const isAll = player.mode === "all";
   const order = [...shown.filter((future) => !chosen.includes(future)), ...[...chosen].reverse()];
   const lines = (name) => order.map((future) => ({
@@ -114,8 +117,9 @@ function drawCharts(chosen, shown, tick) {
     alpha: chosen.includes(future) ? 1 : 0.45,
     contacts: chosen.includes(future) ? contactRows(future) : [],
   }));
-  charts[0].draw(lines("speed"), null, tick);
-  charts[1].draw(lines("gap"), null, tick);
+  const marks = spots.filter((spot) => spot.tick !== null && isInTime(spot.tick)).map((spot) => ({ tick: spot.tick, isChosen: spot === player.spot }));
+  charts[0].draw(lines("speed"), null, tick, marks);
+  charts[1].draw(lines("gap"), null, tick, marks);
   const main = isAll ? chosen.slice(0, 1) : chosen;
   byId("controls-title").textContent = main.length
     ? `${isAll ? nameOf(main[0]) : "Commands"}: steering (solid, right is positive), throttle (dashed), brake (dotted)`
@@ -124,7 +128,7 @@ function drawCharts(chosen, shown, tick) {
     main.flatMap((future) => future.commands.map((values, i) => ({
       tick: future.commandTick, values, colour: inkOf(future), dash: [[], [7, 3], [2, 2.5]][i], width: 1.8,
     }))),
-    [-1.05, 1.05], tick,
+    [-1.05, 1.05], tick, marks,
   );
   const said = (name, digits, unit) => (isAll ? "" : chosen.map((future) => numberText(valueAt(future.tick, future[name], tick), digits, unit)).join(" · "));
   charts[0].output.textContent = said("speed", 1, " m/s");
@@ -166,7 +170,7 @@ function drawCameras(chosen, tick) {
 function fillChoices() {
   const { group } = player;
   for (const id of ["candidate-a", "candidate-b"]) {
-    byId(id).replaceChildren(...group.futures.map((future, place) => made("option", nameOf(future), { value: place })));
+    byId(id).replaceChildren(...group.futures.map((future, place) => made("option", `${nameOf(future)}${faultsText(place)}`, { value: place })));
   }
   player.a = Math.min(player.a, group.futures.length - 1);
   if (player.b >= group.futures.length || player.b === player.a) player.b = group.futures.length > 1 ? 1 : 0;
@@ -194,6 +198,11 @@ function fillChoices() {
   fillOutcomes();
 }
 
+function faultsText(place) {
+  const num = numFaults(player.group, place);
+  return num ? ` (fails ${num} ${num > 1 ? "rules" : "rule"})` : "";
+}
+
 function fillLegend() {
   const present = new Set(player.group.futures.flatMap((future) => [...future.tracks.values()].map((track) => track.kind)));
   const entries = [...present].sort().map((kind) => {
@@ -208,10 +217,12 @@ function fillLegend() {
     return entry;
   });
   byId("legend").replaceChildren(...entries, made("li", "× a touch begins"), made("li", "dashed: the route"),
+    ...(player.group.spots.length ? [made("li", "◇ ▽ places of findings"), made("li", "◎ an actor that a finding names")] : []),
     made("li", "in “all”, outlines are actors that a candidate moves otherwise"));
 }
 
 function fillOutcomes() {
+  document.querySelector(".outcomes .fails").hidden = player.group.faults.length === 0;
   byId("outcomes").replaceChildren(...player.group.futures.map((future, place) => {
     const row = made("tr");
     const name = made("th", "", { scope: "row" });
@@ -227,6 +238,7 @@ function fillOutcomes() {
       made("td", ahead.length ? numberText(future.speed[ahead.at(-1)], 1, " m/s") : "–", { class: "number" }),
       made("td", touchText, { class: touch === undefined ? "number" : "number touches" }),
     );
+    if (player.group.faults.length) row.append(made("td", numFaults(player.group, place) || "–", { class: "number" }));
     row.dataset.place = place;
     return row;
   }));
@@ -246,17 +258,55 @@ function choiceChanged() {
   byId("candidate-a").disabled = player.mode === "all";
   for (const radio of document.getElementsByName("mode")) radio.checked = radio.value === player.mode;
   markChosen();
+  markSpot();
   redraw();
 }
 
-/** Open a group of the page. */
-function openGroup(place) {
+/** Show the place of a finding: its candidate, and its time as far as that is shown. */
+function chooseSpot(spot) {
+  const future = player.group.futures[spot.future];
+  player.spot = spot;
+  player.hiddenFamilies.delete(shared.bank[candidate(future)].family);
+  if (player.mode === "all") player.mode = "one";
+  if (player.mode === "one" || player.b !== spot.future) player.a = spot.future;
+  setPlaying(false);
+  if (spot.tick !== null) player.tick = Math.max(HISTORY_TICK, Math.min(HORIZON_TICK, spot.tick));
+  fillChoices();
+  choiceChanged();
+  byId("stage").scrollIntoView({ block: "nearest" });
+}
+
+/** Go some places on in the list of what is wrong. */
+function stepSpot(by) {
+  const spots = player.group.spots;
+  if (spots.length === 0) return;
+  const at = spots.indexOf(player.spot);
+  chooseSpot(spots[at < 0 ? (by > 0 ? 0 : spots.length - 1) : (at + by + spots.length) % spots.length]);
+}
+
+function markSpot() {
+  const { spot, group } = player;
+  for (const { button } of group.spots) button.setAttribute("aria-pressed", String(button === spot?.button));
+  byId("spot-text").textContent = spot === null ? "" : `${spot.rule}, ${spotText(spot, group)}${spot.text ? `: ${spot.text}` : ""}`;
+}
+
+/** Close the player and go to a place of the report. */
+function leaveTo(event, id) {
+  event.preventDefault();
+  player.leaveTo = id;
+  dialog.close();
+}
+
+/** Open a group of the page, at a place of a finding where one is named. */
+function openGroup(place, rule, number) {
   const packed = documentOf(`group-data-${place}`);
   if (packed === null) return;
   const group = packed.data === undefined ? { ...packed, futures: [] } : decodedGroup(packed, shared.steps);
+  group.faults = decodedFaults(packed);
+  group.spots = group.faults.flatMap((fault) => fault.spots).filter((spot) => spot.future >= 0);
   group.remarkText = group.remarks.length ? `${group.remarks.length} remarks on what is not drawn` : "everything recorded is drawn";
   if (group.futures.length) group.frame = frameOf(group);
-  Object.assign(player, { group, place, tick: 0, isPlaying: false, zoom: 1, pan: [0, 0] });
+  Object.assign(player, { group, place, tick: 0, isPlaying: false, zoom: 1, pan: [0, 0], spot: null });
   byId("player-title").textContent = group.name;
   byId("player-facts").textContent = group.about;
   byId("player-remarks").replaceChildren(...group.remarks.map((text) => made("li", text)));
@@ -266,9 +316,28 @@ function openGroup(place) {
   byId("cameras").dataset.state = "none";
   byId("previous-group").disabled = place === 0;
   byId("next-group").disabled = document.getElementById(`group-data-${place + 1}`) === null;
+  fillFaults(group, chooseSpot, leaveTo);
   if (!dialog.open) dialog.showModal();
-  if (group.futures.length) fillChoices();
-  choiceChanged();
+  if (group.futures.length) {
+    byId("spot-text").after(byId("faults"));
+    fillChoices();
+  } else byId("player-remarks").after(byId("faults"));
+  const spot = group.faults.find((fault) => fault.rule === rule)?.spots[number];
+  if (spot === undefined || spot.future < 0) {
+    choiceChanged();
+    return;
+  }
+  chooseSpot(spot);
+  spot.button.closest("details")?.setAttribute("open", "");
+  spot.button.focus({ preventScroll: true });
+}
+
+/** Open what an address such as `#play-3` or `#play-3-BD-EVD-001-0` names; whether it names something. */
+function openAddress(hash) {
+  const asked = /^#play-(\d+)(?:-(BD-[A-Z]{3}-\d{3})-(\d+))?$/.exec(hash);
+  if (asked === null) return false;
+  openGroup(Number(asked[1]), asked[2], Number(asked[3]));
+  return true;
 }
 
 function setPlaying(isPlaying) {
@@ -301,14 +370,36 @@ const setMode = (mode) => {
   choiceChanged();
 };
 
-for (const button of document.querySelectorAll("button.open")) button.addEventListener("click", () => openGroup(Number(button.dataset.place)));
+for (const button of document.querySelectorAll("button.open")) {
+  button.addEventListener("click", () => {
+    player.opener = button;
+    openGroup(Number(button.dataset.place));
+  });
+}
+for (const link of document.querySelectorAll("a.play[href^='#']")) {
+  link.addEventListener("click", (event) => {
+    event.preventDefault();
+    player.opener = link;
+    openAddress(link.hash);
+  });
+}
 byId("close-player").addEventListener("click", () => dialog.close());
 dialog.addEventListener("close", () => {
   setPlaying(false);
-  document.querySelector(`button.open[data-place="${player.place}"]`)?.focus();
+  const target = player.leaveTo === null ? null : byId(player.leaveTo);
+  const opener = player.opener ?? document.querySelector(`button.open[data-place="${player.place}"]`);
+  Object.assign(player, { leaveTo: null, opener: null });
+  if (target === null) opener?.focus();
+  else {
+    if (target.tagName === "DETAILS") target.open = true;
+    target.scrollIntoView();
+    target.querySelector("a, summary")?.focus({ preventScroll: true });
+  }
 });
 byId("previous-group").addEventListener("click", () => openGroup(player.place - 1));
 byId("next-group").addEventListener("click", () => openGroup(player.place + 1));
+byId("previous-fault").addEventListener("click", () => stepSpot(-1));
+byId("next-fault").addEventListener("click", () => stepSpot(1));
 byId("play").addEventListener("click", () => setPlaying(!player.isPlaying));
 byId("time").addEventListener("input", (event) => {
   setPlaying(false);
@@ -346,6 +437,7 @@ const keys = {
   Home: () => goTo(0),
   1: () => setMode("one"), 2: () => setMode("two"), 3: () => setMode("all"),
   "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8),
+  f: (event) => stepSpot(event.shiftKey ? -1 : 1),
   n: () => byId("next-group").click(), p: () => byId("previous-group").click(),
 };
 dialog.addEventListener("keydown", (event) => {
@@ -361,6 +453,6 @@ dialog.addEventListener("keydown", (event) => {
 addEventListener("resize", redraw);
 addEventListener("themechange", redraw);
 
-// A page of one group opens it; in a report a link such as `#play-3` does.
-const asked = /^#play-(\d+)$/.exec(location.hash);
-if (asked !== null || document.body.dataset.opens !== undefined) openGroup(asked === null ? 0 : Number(asked[1]));
+// A page of one group opens it; in a report an address does.
+if (!openAddress(location.hash) && document.body.dataset.opens !== undefined) openGroup(0);
+addEventListener("hashchange", () => openAddress(location.hash));

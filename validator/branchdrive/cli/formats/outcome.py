@@ -5,6 +5,7 @@ Every form takes its colours from here, so that none shows green what is not `va
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,12 @@ _RULES_SHOWN = 12
 
 _ON_FOLDERS_TOO = ("BD-LAY-006", "BD-LAY-007", "BD-LAY-009")
 """Rules on files that examine folders as well, so that they count more than the files of the dataset."""
+
+_NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w|\.\d)")
+"""A number that is no part of a name."""
+
+_ABOUT = ("table", "column", "camera", "action_key")
+"""Parts of a place that findings which say the same have in common."""
 
 RULE_EXPLAINED = "`branchdrive rules ID` explains a rule: why it is, its clauses, an example, and what to do"
 """How a reader of a report comes to the page of a rule."""
@@ -66,12 +73,14 @@ class Place(NamedTuple):
     """Where a rule does not hold.
 
     Attributes:
+        findings: The findings that it stands for.
         where: Its location.
         more: What else the finding stands for, to stand behind it.
         expected: What was expected.
         found: What was found.
     """
 
+    findings: tuple[Finding, ...]
     where: str
     more: str
     expected: str
@@ -162,10 +171,10 @@ def _failure(tally: Tally, report: Report, num_places: int) -> Failure:
     )
 
 
-def _place(part: Sequence[Finding]) -> Place:
+def _place(part: tuple[Finding, ...]) -> Place:
     finding = part[0]
     more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
-    return Place(location_text(finding.location), more, *brief(finding.expected, finding.found))
+    return Place(part, location_text(finding.location), more, *brief(finding.expected, finding.found))
 
 
 def headline(report: Report) -> str:
@@ -260,19 +269,19 @@ def failures(report: Report) -> list[tuple[Level, Tally]]:
 def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
     """Findings of a rule, those that say the same together, in the order of the first of each.
 
-    Attempts of one group are shown once for each table and column, and groups that lack the same once. Each table and
-    column comes before the second place of one that was shown.
+    Attempts of one group are shown once for each table and column, and groups once of which the first findings differ
+    in numbers alone. Each table and column comes before the second place of one that was shown.
     """
-    parts: dict[object, list[Finding]] = {}
+    of_groups: dict[object, list[Finding]] = {}
     for place, finding in enumerate(findings):
         about = finding.location
         said: object = place
         if "rollout_id" in about and finding.group_id is not None:
             said = (finding.group_id, about.get("table"), about.get("column"))
-        elif "group_id" in about:
-            others = tuple(part for part in about.items() if part[0] != "group_id")
-            said = (others, finding.expected, finding.found)
-        parts.setdefault(said, []).append(finding)
+        of_groups.setdefault(said, []).append(finding)
+    parts: dict[object, list[Finding]] = {}
+    for place, found in enumerate(of_groups.values()):
+        parts.setdefault(place if found[0].group_id is None else _wording(found[0]), []).extend(found)
     shown: Counter[object] = Counter()
     rounds = []
     for part in parts.values():
@@ -284,13 +293,22 @@ def folded(findings: Sequence[Finding]) -> list[tuple[Finding, ...]]:
     return [every[place] for place in order]
 
 
+def _wording(finding: Finding) -> tuple[object, ...]:
+    """What a finding on a group or an attempt of it says, whichever it is and whatever the numbers are."""
+    about = finding.location
+    said = (_NUMBER.sub("#", text) for text in (finding.expected, finding.found))
+    return ("rollout_id" in about, *(about.get(part) for part in _ABOUT), *said)
+
+
 def also_in(part: Sequence[Finding]) -> str:
-    """How many attempts of its group, or groups, the first finding stands for beside its own, to stand behind it."""
+    """How many attempts, or groups, the first finding stands for beside its own, to stand behind it."""
     if len(part) < 2:
         return ""
     if "rollout_id" not in part[0].location:
         return f", and {counted(len(part) - 1, 'more group')}"
-    return f", and {counted(len(part) - 1, 'more attempt')} of the group"
+    groups = {finding.group_id for finding in part}
+    where = "of the group" if len(groups) == 1 else f"in {counted(len(groups), 'group')}"
+    return f", and {counted(len(part) - 1, 'more attempt')} {where}"
 
 
 def waiver_text(outcome: WaiverOutcome, report: Report) -> str:
