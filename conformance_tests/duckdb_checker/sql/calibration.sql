@@ -61,5 +61,5 @@ union all
 select run, 'actor speed', 'actors', 'vel_x_mps', sum(v * 0.25) / sum(s), 0.95, 1.05
 from actor_way where is_driving and s >= 0.5 group by run having count(*) >= 4
 union all
-select run, 'pedestrian speed', 'actors', 'vel_x_mps', sum(v * 0.25) / sum(s), 0.8, 1.25
+select run, 'pedestrian speed', 'actors', 'vel_x_mps', sum(v * 0.25) / sum(s), 0.95, 1.05
 from actor_way where actor_class = 'pedestrian' and s >= 0.25 group by run having count(*) >= 4;

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pytest
-from tests.synthetic import Tables, base_tables, descriptor
+from tests.synthetic import BRANCH_TICK, Tables, base_tables, descriptor
 
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.raw.motion.calibration import calibration, calibration_between_contacts
-from branchdrive.raw.motion.quantity import QUANTITIES
+from branchdrive.raw.motion.quantity import QUANTITIES, wrong_of_one
 from branchdrive.raw.shard_view import ShardView
 
 TABLES = next(iter(base_tables().values()))
@@ -60,6 +60,27 @@ def test_what_contacts_do_to_motion_is_left_out_between_them() -> None:
     view = _view(tables)
     assert np.nanmax(calibration(view)["step"]) > QUANTITIES["step"].most
     assert np.nanmax(calibration_between_contacts(view)["step"]) <= QUANTITIES["step"].most
+
+
+def test_accelerations_have_a_sign_of_their_own_up_to_the_branch() -> None:
+    """Speeds that swing, and accelerations of the contrary sign in the history, which the rest outweighs."""
+    rows = TABLES["observations"]
+    tick = rows["tick"].to_numpy()
+    swing = 2.0 * np.cos(tick / 20.0)
+    is_past = (tick >= BRANCH_TICK - 75) & (tick <= BRANCH_TICK)
+    tables = _with(
+        "observations",
+        speed_mps=10.0 + 2.0 * np.sin(tick / 20.0),
+        accel_longitudinal_mps2=np.where(is_past, -swing, 2.0 * swing),
+    )
+    found = calibration_between_contacts(_view(tables))["longitudinal"]
+    every, up_to_branch, from_branch_on = found[:, np.isfinite(found[0])]
+    assert len(every) > 20
+    np.testing.assert_allclose(up_to_branch, -1.0, atol=0.1)
+    assert (every > QUANTITIES["longitudinal"].of_one[0]).all()  # type: ignore[index]
+    assert np.isnan(from_branch_on).all()
+    wrong = wrong_of_one("longitudinal", found)
+    assert wrong.any(axis=1).tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize("ahead_m", [0.0, 1.0, 2.5, -0.5])

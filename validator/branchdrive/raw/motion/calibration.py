@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.descriptor import Vehicle
 from branchdrive.contract.mismatch import Mask
-from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.contract.timing import HISTORY_OFFSETS, OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.contact import is_free
@@ -76,6 +76,9 @@ MAX_STRAIGHT_RAD = 0.01
 
 _SLOPES = ("yaw_rate", "longitudinal", "lateral", "steering", "pivot")
 """Quantities of regressions, in which a step weighs by its square: one of a skid or a blow may weigh more than all."""
+
+_OF_STRETCHES = ("yaw_rate", "longitudinal", "lateral"), ("yaw_rate", "lateral")
+"""Quantities whose sign is judged up to the branch as well, and from it on, where brakes come and go at once."""
 
 _ANGLES = ("heading", "actor_heading")
 """Quantities that are the angle of two sums, in degrees; others are their ratio."""
@@ -124,10 +127,11 @@ def calibration(view: ShardView) -> dict[str, Array]:
 
 
 def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
-    """The same between contacts: of all observations that none keeps from being judged, and of those from ``t_b`` on.
+    """The same between contacts: of all observations that none keeps from being judged, and of two stretches of them.
 
-    Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there. A slope that is not right
-    of one attempt is that without the step of the greatest weight: one step alone makes none wrong.
+    Each is ``[3, rollouts]``; the second is that from ``t_b - 75`` to ``t_b``, the third that from ``t_b`` on, NaN but
+    for `_OF_STRETCHES`, whose sign may change there. A slope that is not right of one attempt is that without
+    the step of the greatest weight: one step alone makes none wrong.
     """
     return view.cached(_calibrations)[1]
 
@@ -150,20 +154,24 @@ def _of_terms(view: ShardView, terms: dict[str, _Terms]) -> tuple[dict[str, Arra
     if touched.any():
         between = _steps_between(free & np.append(touched, False)[observations.rollout])
         found = {name: np.where(touched, _values(view, name, terms[name], between), found[name]) for name in found}
-    is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
-    after = free & is_after & np.append(view.branched, False)[observations.rollout]
-    spans = [_steps_between(counts) for counts in (free, after)]
+    offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    judged = free & np.append(view.branched, False)[observations.rollout]
+    stretches = judged & (offset >= HISTORY_OFFSETS[0]) & (offset <= 0), judged & (offset >= 0)
+    spans = [_steps_between(counts) for counts in (free, *stretches)]
     nothing = np.full(view.num_rollouts, np.nan)
-    turns: dict[str, Array] = {
-        name: _values(view, name, terms[name], spans[1]) for name in ("yaw_rate", "lateral") if name in terms
-    }
-    pairs = {name: np.stack([values, turns.get(name, nothing)]) for name, values in found.items()}
+    parts: dict[str, Array] = {}
+    for name, values in found.items():
+        of_stretches = [
+            _values(view, name, terms[name], span) if name in names else nothing
+            for span, names in zip(spans[1:], _OF_STRETCHES, strict=True)
+        ]
+        parts[name] = np.stack([values, *of_stretches])
     for name in _SLOPES:
-        if name in pairs:
-            for values, span, wrong in zip(pairs[name], spans, wrong_of_one(name, pairs[name]), strict=True):
+        if name in parts:
+            for values, span, wrong in zip(parts[name], spans, wrong_of_one(name, parts[name]), strict=True):
                 if wrong.any():
                     values[wrong] = _values(view, name, _without_weightiest(view, terms[name], span, wrong))[wrong]
-    return every, pairs
+    return every, parts
 
 
 def _without_weightiest(view: ShardView, terms: _Terms, counts: Mask, attempts: Mask) -> _Terms:

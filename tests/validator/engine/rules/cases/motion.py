@@ -58,6 +58,22 @@ def yaw_rates_that_lag_behind_a_turn_from_the_branch_on(d: Draft) -> None:
     d.set("observations", "yaw_rate_radps", lambda rate: 0.1 * rate, rollout_id=ON_A_BEND, tick=after)
 
 
+HISTORY = range(BRANCH_TICK - 75, BRANCH_TICK + 1, 5)
+
+
+@mutant("BD-MOT-006", at={**_motion_of("accel_lateral_mps2"), "rollout_id": ON_A_BEND}, base="bare")
+def accelerations_of_the_other_sense_up_to_the_branch(d: Draft) -> None:
+    """What lies behind outweighs them, so that the slope of the attempt is right."""
+    behind = range(BRANCH_TICK + 5, BRANCH_TICK + 101, 5)
+    d.set("observations", "accel_lateral_mps2", lambda a: -a, rollout_id=ON_A_BEND, tick=HISTORY)
+    d.set("observations", "accel_lateral_mps2", lambda a: 2 * a, rollout_id=ON_A_BEND, tick=behind)
+
+
+@boundary("BD-MOT-006", base="bare")
+def accelerations_that_nearly_cancel_up_to_the_branch(d: Draft) -> None:
+    d.set("observations", "accel_lateral_mps2", lambda a: -0.2 * a, rollout_id=ON_A_BEND, tick=HISTORY)
+
+
 # BD-MOT
 
 
