@@ -99,6 +99,25 @@ QUANTITIES = {
     "command": Quantity(
         "observations", "command", 0.0, np.inf, "yaw rate to the side of the navigation command, in rad/s"
     ),
+    "speed_lead": Quantity(
+        "observations", "speed_mps", -0.55, 0.55, "observations that the speed is ahead of the positions",
+        (-0.75, 0.75),
+    ),
+    "yaw_rate_lead": Quantity(
+        "observations", "yaw_rate_radps", -0.55, 0.55, "observations that the yaw rate is ahead of the headings",
+        (-0.75, 0.75),
+    ),
+    "longitudinal_lead": Quantity(
+        "observations", "accel_longitudinal_mps2", 0.25, np.inf,
+        "observations that the acceleration is ahead of the mean of two changes of speed",
+    ),
+    "lateral_lead": Quantity(
+        "observations", "accel_lateral_mps2", 0.25, np.inf,
+        "observations that the acceleration is ahead of the mean of two products of speed and yaw rate",
+    ),
+    "actor_lead": Quantity(
+        "actors", "vel_x_mps", -0.55, 0.55, "observations that the velocity is ahead of the positions", (-0.75, 0.75)
+    ),
 }  # fmt: skip
 """What is calibrated of recorded motion, by name."""
 

@@ -12,7 +12,6 @@ from tests.validator.engine.rules.case import boundary, mutant
 from tests.validator.engine.rules.cases.groups_outcomes import exchange_outcomes, give_outcome, like_nominal
 from tests.validator.engine.rules.draft import Draft
 
-from branchdrive.contract.timing import TICK_S
 from branchdrive.testing.drive import angle_on_grid, on_grid, route_columns
 
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
@@ -307,30 +306,6 @@ def actors_that_crab_a_little(d: Draft) -> None:
 def actors_with_a_clock_that_is_a_tenth_slower(d: Draft) -> None:
     """No way between two observations is wrong by as much as a metre."""
     seen_again(d, lambda: d.set("actors", ("vel_x_mps", "vel_y_mps"), lambda speed: 0.91 * speed))
-
-
-TOUCHED_TICK = 160
-"""When pedestrians who are run over are where they would have been."""
-
-
-def _walking(d: Draft, share: float) -> None:
-    """Pedestrians who walk three times as fast, so that it counts, and velocities that are a share of theirs."""
-    for place, velocity in (("x_m", "vel_x_mps"), ("y_m", "vel_y_mps")):
-        rows = d.take("actors", actor_class="pedestrian")
-        x, v, tick = (rows[name].to_numpy() for name in (place, velocity, "tick"))
-        walked = {place: x + 2 * v * (tick - TOUCHED_TICK) * TICK_S, velocity: 3 * share * v}
-        d.fill("actors", walked, actor_class="pedestrian")
-
-
-@mutant("BD-RSP-007", base="full", at={"table": "actors", "column": "vel_x_mps"})
-def pedestrians_that_are_slower_than_they_walk(d: Draft) -> None:
-    """In no attempt by itself, and of all actors together hardly."""
-    seen_again(d, lambda: _walking(d, 0.82))
-
-
-@boundary("BD-RSP-007", base="full")
-def pedestrians_that_are_a_little_slower_than_they_walk(d: Draft) -> None:
-    seen_again(d, lambda: _walking(d, 0.96))
 
 
 @mutant("BD-RSP-007", base="bare", at={"table": "observations", "column": "x_m"})
