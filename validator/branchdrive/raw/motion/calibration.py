@@ -175,7 +175,7 @@ def _value(view: ShardView, name: str, terms: Terms, counts: Mask | None = None,
         terms = terms.take(np.flatnonzero(counts[terms.row]))
     owner, num_attempts = view.observations.rollout[terms.row], view.num_rollouts
     steps = np.bincount(owner, minlength=num_attempts)
-    sums = [np.bincount(owner, part, num_attempts) for part in terms.parts]
+    sums = [np.asarray(np.bincount(owner, part, num_attempts), np.float64) for part in terms.parts]
     if name in LEADS:
         by_change, changes, mixed = sums
         values = lead(by_change, changes, mixed, ratio)
