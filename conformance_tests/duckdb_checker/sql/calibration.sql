@@ -17,13 +17,20 @@ with way as (
         (n.vel_x_mps::double + p.vel_x_mps) / 2 as v_x, (n.vel_y_mps::double + p.vel_y_mps) / 2 as v_y,
         sqrt(v_x * v_x + v_y * v_y) as v, wrap(n.yaw_rad::double - p.yaw_rad) as q, n.yaw_rad - q / 2 as heading
     from track n join track p on p.run = n.run and p.actor_id = n.actor_id and p.tick = n.tick - 5
-), ratio as (  -- of recorded speeds to ways
+), ratio as (  -- of recorded values to those of the positions
     select run, 'speed' as quantity, 'observations' as "table", 'speed_mps' as "column",
         sum(r) / sum(s) as value, 0.99 as least, 1.01 as most
     from way where s >= 0.5 group by run having count(*) >= 4
     union all
     select run, 'actor speed', 'actors', 'vel_x_mps', sum(v * 0.25) / sum(s), 0.95, 1.05
     from actor_way where is_driving and s >= 0.5 group by run having count(*) >= 4
+    union all
+    select run, 'longitudinal', 'observations', 'accel_longitudinal_mps2',
+        sum(a_long * (v - v_0) / 0.25) / sum(pow((v - v_0) / 0.25, 2)), 0.5, 2
+    from way where abs(v - v_0) / 0.25 >= 0.5 group by run having count(*) >= 4
+    union all
+    select run, 'lateral', 'observations', 'accel_lateral_mps2', sum(a_lat * v * q / 0.25) / sum(pow(v * q / 0.25, 2)), 0.5, 2
+    from way where abs(v * q / 0.25) >= 0.5 group by run having count(*) >= 4
 ), two as (  -- steps from observation 0 to 1 and from 1 to 2
     select b.run, b.v, b.a_long, b.a_lat, a.v as v_1, a.rate as rate_1, b.v * b.rate as push, a.v * a.rate as push_1,
         a.s / 0.25 as way_1, b.s / 0.25 as way, a.q / 0.25 as turn_1, b.q / 0.25 as turn,
@@ -35,9 +42,9 @@ with way as (
     union all
     select run, null, 'observations', 'yaw_rate_radps', 0.05, rate_1, 0, turn_1, turn, 0, 0 from two
     union all
-    select run, null, 'observations', 'accel_longitudinal_mps2', 0.5, a_long, 0, gain_1, gain, 0, 0 from two
+    select run, 'longitudinal', 'observations', 'accel_longitudinal_mps2', 0.5, a_long, 0, gain_1, gain, 0, 0 from two
     union all
-    select run, null, 'observations', 'accel_lateral_mps2', 0.5, a_lat, 0, push_1, push, 0, 0 from two
+    select run, 'lateral', 'observations', 'accel_lateral_mps2', 0.5, a_lat, 0, push_1, push, 0, 0 from two
     where abs(v) between 8 and 15
     union all
     select b.run, 'actor speed', 'actors', 'vel_x_mps', 0.125,
@@ -55,23 +62,16 @@ with way as (
 select * from ratio
 union all
 select l.run, 'lead of ' || l."column", l."table", l."column",
-    (by_change - if(of_ratio is null, 1, value) * mixed) / changes,
+    (by_change / if(of_ratio is null, 1, value) - mixed) / changes,
     if(l."column" like 'accel%', 0.25, -0.55), if(l."column" like 'accel%', 'inf'::double, 0.55)
 from lead l left join ratio on ratio.run = l.run and quantity = of_ratio
-where of_ratio is null or value is not null
+where of_ratio is null or value <> 0
 union all
 select run, 'step', 'observations', 'x_m', sum(abs(r - s)) / sum(s), 0, 0.05
 from way where s >= 0.5 group by run having count(*) >= 4
 union all
 select run, 'yaw rate', 'observations', 'yaw_rate_radps', sum(w * q / 0.25) / sum(pow(q / 0.25, 2)), 0.6, 1.6
 from way where abs(q / 0.25) >= 0.05 group by run having count(*) >= 4
-union all
-select run, 'longitudinal', 'observations', 'accel_longitudinal_mps2',
-    sum(a_long * (v - v_0) / 0.25) / sum(pow((v - v_0) / 0.25, 2)), 0.5, 2
-from way where abs(v - v_0) / 0.25 >= 0.5 group by run having count(*) >= 4
-union all
-select run, 'lateral', 'observations', 'accel_lateral_mps2', sum(a_lat * v * q / 0.25) / sum(pow(v * q / 0.25, 2)), 0.5, 2
-from way where abs(v * q / 0.25) >= 0.5 group by run having count(*) >= 4
 union all
 select run, 'heading', 'observations', 'yaw_rad', degrees(atan2(
     sum(sign(v_0 + v) * (cos(heading) * dy - sin(heading) * dx)),

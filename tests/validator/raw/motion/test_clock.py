@@ -71,8 +71,16 @@ def test_states_lead_by_as_much_as_they_are_early(column: str, name: str, late: 
     np.testing.assert_allclose(_leads(_serpentine(column, late), name), -late, atol=0.06)
 
 
-def test_a_speed_in_another_unit_is_no_lead() -> None:
-    np.testing.assert_allclose(_leads(_serpentine("speed_mps", 0.0, 3.6), "speed_lead"), 0.0, atol=0.1)
+@pytest.mark.parametrize(
+    ("column", "unit", "name", "expected"),
+    [
+        ("speed_mps", 3.6, "speed_lead", 0.0),
+        ("accel_longitudinal_mps2", 1 / 9.81, "longitudinal_lead", 1.0),
+        ("accel_lateral_mps2", -1.0, "lateral_lead", 0.5),
+    ],
+)
+def test_another_unit_or_sign_is_no_lead(column: str, unit: float, name: str, expected: float) -> None:
+    np.testing.assert_allclose(_leads(_serpentine(column, 0.0, unit), name), expected, atol=0.06)
 
 
 @pytest.mark.parametrize(("late", "expected"), [(0.0, 1.0), (1.0, 0.0)])

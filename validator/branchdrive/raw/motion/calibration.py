@@ -288,12 +288,10 @@ def _of_actors(view: ShardView) -> dict[str, Terms]:
         np.array([name in classes for name in (*names, None)])[codes[row]]
         for classes in (("vehicle", "cycle"), ("pedestrian",))
     )
-    drives = np.zeros(len(every.distinct), bool)
-    drives[moves] = is_vehicle & is_fast
     yaw = stream["yaw_rad"][row].astype(np.float64)
     turn = wrap_rad(yaw - stream["yaw_rad"][before])
     cos, sin = np.cos(yaw - turn / 2), np.sin(yaw - turn / 2)
-    along, across, is_driving = cos * vel_x + sin * vel_y, cos * vel_y - sin * vel_x, drives[moves]
+    along, across, is_driving = cos * vel_x + sin * vel_y, cos * vel_y - sin * vel_x, is_vehicle & is_fast
     is_aslant = np.abs(vel_y) >= MIN_SINE * speed
     return {
         "actor_sense": steps.terms(is_driving & is_aslant, along, speed),
@@ -301,5 +299,5 @@ def _of_actors(view: ShardView) -> dict[str, Terms]:
         "actor_speed": steps.terms(is_driving, speed, way),
         "pedestrian_speed": steps.terms(is_walker, speed, way),
         "pedestrian_sense": steps.terms(is_walker & is_aslant, along, speed),
-        **leads_of_actors(view, drives, way_x, way_y),
+        **leads_of_actors(view, moving[is_driving[steps.place]], way_x, way_y),
     }

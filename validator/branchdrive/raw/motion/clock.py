@@ -1,9 +1,9 @@
 """How far recorded rates are ahead of the positions and headings that they belong to, in observations.
 
 A recorded rate ``r`` is held against two values ``c_0`` and ``c_1`` that its neighbours make of it, with their mean
-``m`` and the change ``d = c_1 - c_0``. The lead of an attempt is ``sum((r - k m) d) / sum(d d)``, where ``k`` is the
-ratio of recorded speeds to ways, 1 for others, so that a wrong unit is no lead. With the steps 1 and 2 from observation
-0 to 1 and from 1 to 2::
+``m`` and the change ``d = c_1 - c_0``. The lead of an attempt is ``sum((r / k - m) d) / sum(d d)``, where ``k`` is the
+value of the rate in `branchdrive.raw.motion.calibration`, so that a wrong unit or sign is no lead, and 1 of the yaw
+rate, which says less of sharp turns. With the steps 1 and 2 from observation 0 to 1 and from 1 to 2::
 
     quantity                         r           c of a step, or at its end
     speed, velocities of vehicles    v at 1      displacement / dt
@@ -40,8 +40,8 @@ Index = NDArray[np.int64]
 LEADS = {
     "speed_lead": "speed",
     "yaw_rate_lead": "",
-    "longitudinal_lead": "",
-    "lateral_lead": "",
+    "longitudinal_lead": "longitudinal",
+    "lateral_lead": "lateral",
     "actor_lead": "actor_speed",
 }
 """Quantities that are leads, and the one that is their ratio of recorded values to those of the positions, if any."""
@@ -55,7 +55,7 @@ STEADY_MPS = 8.0, 15.0
 
 def lead(by_change: Array, changes: Array, mixed: Array, ratio: Array | float = 1.0) -> Array:
     """Lead from its sums, of ``r d``, ``d d`` and ``m d``, and the ratio ``k``, each of one shape."""
-    return np.asarray((by_change - ratio * mixed) / changes)
+    return np.asarray((by_change / ratio - mixed) / changes)
 
 
 def _terms(row: Index, *axes: tuple[Array, Array, Array]) -> Terms:
@@ -98,29 +98,26 @@ def leads_of_ego(view: ShardView) -> dict[str, Terms]:
     }
 
 
-def leads_of_actors(view: ShardView, counts: Mask, way_x: Array, way_y: Array) -> dict[str, Terms]:
+def leads_of_actors(view: ShardView, chosen: Index, way_x: Array, way_y: Array) -> dict[str, Terms]:
     """Terms of the lead of the velocities of actors.
 
     Args:
         view: The shard.
-        counts: Distinct steps that count ``[distinct]``.
-        way_x: Displacement of each, along x ``[distinct]``.
+        chosen: Steps of actors that count ``[chosen]``.
+        way_x: Displacement of distinct steps, along x ``[distinct]``.
         way_y: The same along y.
     """
     stream, every = view.stream("actors"), view.cached(actor_steps)
-    leads_to = np.full(len(stream), -1, np.int32)
-    leads_to[every.row] = every.place
-    chosen = np.flatnonzero(counts[every.place])
-    first = leads_to[every.before[chosen]]
-    kept = np.flatnonzero((first >= 0) & counts[first])
-    chosen, first = chosen[kept], first[kept]
-    last = every.place[chosen]
-    change = np.hypot(way_x[last] - way_x[first], way_y[last] - way_y[first])
-    kept = np.flatnonzero(change >= MIN_CHANGE_MPS * OBSERVATION_S)
-    chosen, first, last = chosen[kept], first[kept], last[kept]
+    last, leads_to = every.place[chosen], np.full(len(stream), -1, np.int32)
+    leads_to[every.row[chosen]] = last
     middle = every.before[chosen]
+    first = leads_to[middle]
+    change_x, change_y = way_x[last] - way_x[first], way_y[last] - way_y[first]
+    is_large = change_x**2 + change_y**2 >= (MIN_CHANGE_MPS * OBSERVATION_S) ** 2
+    kept = np.flatnonzero((first >= 0) & is_large)
+    middle, first, last = middle[kept], first[kept], last[kept]
     axes = [
         (stream[name][middle].astype(np.float64), way[first] / OBSERVATION_S, way[last] / OBSERVATION_S)
         for name, way in (("vel_x_mps", way_x), ("vel_y_mps", way_y))
     ]
-    return {"actor_lead": _terms(view.observations.rows_of(stream)[every.row[chosen]], *axes)}
+    return {"actor_lead": _terms(view.observations.rows_of(stream)[every.row[chosen[kept]]], *axes)}
