@@ -24,7 +24,7 @@ _NAMES = (
     "model_inputs_features", "model_near_duplicate", "leakage_audit", "leakage_structural", "leakage_codes",
     "leakage_audit_battery", "card", "model_inputs_endings", "model_inputs_objects", "replays", "responses",
     "responses_copies", "groups_outcomes", "responses_experts", "image_replays", "responses_images", "decisions",
-    "benchmark", "benchmark_results", "layers_model_and_benchmark",
+    "responses_clock", "benchmark", "benchmark_results", "layers_model_and_benchmark",
 )  # fmt: skip
 
 AREAS = tuple(import_module(f"tests.validator.engine.rules.cases.{name}") for name in _NAMES)

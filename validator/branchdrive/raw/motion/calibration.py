@@ -27,19 +27,19 @@ a unit off. Source: spec/07-rules.md#calibration.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.descriptor import Vehicle
 from branchdrive.contract.mismatch import Mask
-from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
+from branchdrive.contract.timing import HISTORY_OFFSETS, OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.raw.copies import Copies
+from branchdrive.raw.motion.clock import LEADS, lead, leads_of_actors, leads_of_ego
 from branchdrive.raw.motion.contact import is_free
 from branchdrive.raw.motion.quantity import wrong_of_one
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
+from branchdrive.raw.motion.terms import Steps, Terms
 from branchdrive.raw.motion.tracks import actor_steps
 from branchdrive.raw.shard_view import ShardView
 
@@ -74,48 +74,14 @@ MIN_BRAKE = 0.2
 MAX_STRAIGHT_RAD = 0.01
 """Turn of a straight way: on others the centre of a box slips to the side."""
 
-_SLOPES = ("yaw_rate", "longitudinal", "lateral", "steering", "pivot")
+_SLOPES = ("yaw_rate", "longitudinal", "lateral", "steering", "pivot", *LEADS)
 """Quantities of regressions, in which a step weighs by its square: one of a skid or a blow may weigh more than all."""
+
+_OF_STRETCHES = ("yaw_rate", "longitudinal", "lateral"), ("yaw_rate", "lateral")
+"""Quantities whose sign is judged up to the branch as well, and from it on, where brakes come and go at once."""
 
 _ANGLES = ("heading", "actor_heading")
 """Quantities that are the angle of two sums, in degrees; others are their ratio."""
-
-
-class _Terms(NamedTuple):
-    """What is compared for a quantity, by step.
-
-    Attributes:
-        row: Observation that each step leads to ``[terms]``.
-        above: Terms of the upper sum ``[terms]``.
-        below: Terms of the lower sum ``[terms]``.
-    """
-
-    row: Index
-    above: Array
-    below: Array
-
-
-class _Steps(NamedTuple):
-    """Steps between neighbouring observations, of the ego or of actors.
-
-    Attributes:
-        row: Observation that each leads to ``[steps]``.
-        place: The distinct step that each is or repeats, -1 where that says nothing ``[steps]``.
-    """
-
-    row: Index
-    place: Index
-
-    def terms(self, counts: Mask, above: Array, below: Array) -> _Terms:
-        """Terms of the steps that count, from those of distinct steps ``[distinct]``."""
-        counts = np.append(counts & np.isfinite(above) & np.isfinite(below), False)
-        chosen = np.flatnonzero(counts[self.place])
-        place = self.place[chosen]
-        return _Terms(self.row[chosen], above[place], below[place])
-
-    def slope(self, counts: Mask, recorded: Array, known: Array) -> _Terms:
-        """Terms of the slope of recorded values on those that are known ``[distinct]``."""
-        return self.terms(counts, recorded * known, known**2)
 
 
 def calibration(view: ShardView) -> dict[str, Array]:
@@ -124,10 +90,11 @@ def calibration(view: ShardView) -> dict[str, Array]:
 
 
 def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
-    """The same between contacts: of all observations that none keeps from being judged, and of those from ``t_b`` on.
+    """The same between contacts: of all observations that none keeps from being judged, and of two stretches of them.
 
-    Each is ``[2, rollouts]``; the second is NaN but for turns, whose sign may change there. A slope that is not right
-    of one attempt is that without the step of the greatest weight: one step alone makes none wrong.
+    Each is ``[3, rollouts]``; the second is that from ``t_b - 75`` to ``t_b``, the third that from ``t_b`` on, NaN but
+    for `_OF_STRETCHES`, whose sign may change there. A slope that is not right of one attempt is that without
+    the step of the greatest weight: one step alone makes none wrong.
     """
     return view.cached(_calibrations)[1]
 
@@ -135,46 +102,50 @@ def calibration_between_contacts(view: ShardView) -> dict[str, Array]:
 @np.errstate(all="ignore")  # what overflows is no number, and says nothing
 def _calibrations(view: ShardView) -> tuple[dict[str, Array], dict[str, Array]]:
     """Both at once, and first those of the ego, so that terms, which are large, need not be kept."""
-    every, between = _of_terms(view, _of_ego(view))
+    every, between = _of_terms(view, _of_ego(view) | leads_of_ego(view))
     if "actors" in view:
         of_actors = _of_terms(view, _of_actors(view))
         every, between = every | of_actors[0], between | of_actors[1]
     return every, between
 
 
-def _of_terms(view: ShardView, terms: dict[str, _Terms]) -> tuple[dict[str, Array], dict[str, Array]]:
+def _of_terms(view: ShardView, terms: dict[str, Terms]) -> tuple[dict[str, Array], dict[str, Array]]:
     """Values of quantities in every attempt, and between contacts, from their terms."""
-    every = {name: _values(view, name, terms[name]) for name in terms}
+    every = _values_of(view, terms)
     observations, found, free = view.observations, every, view.cached(is_free)
     touched = observations.by_rollout(~free).any
     if touched.any():
         between = _steps_between(free & np.append(touched, False)[observations.rollout])
-        found = {name: np.where(touched, _values(view, name, terms[name], between), found[name]) for name in found}
-    is_after = observations.tick >= np.append(view.branch_tick, 0)[observations.rollout]
-    after = free & is_after & np.append(view.branched, False)[observations.rollout]
-    spans = [_steps_between(counts) for counts in (free, after)]
+        of_touched = _values_of(view, terms, between)
+        found = {name: np.where(touched, of_touched[name], values) for name, values in every.items()}
+    offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    judged = free & np.append(view.branched, False)[observations.rollout]
+    stretches = judged & (offset >= HISTORY_OFFSETS[0]) & (offset <= 0), judged & (offset >= 0)
+    spans = [_steps_between(counts) for counts in (free, *stretches)]
     nothing = np.full(view.num_rollouts, np.nan)
-    turns: dict[str, Array] = {
-        name: _values(view, name, terms[name], spans[1]) for name in ("yaw_rate", "lateral") if name in terms
-    }
-    pairs = {name: np.stack([values, turns.get(name, nothing)]) for name, values in found.items()}
+    parts: dict[str, Array] = {}
+    for name, values in found.items():
+        of_stretches = [
+            _value(view, name, terms[name], span) if name in names else nothing
+            for span, names in zip(spans[1:], _OF_STRETCHES, strict=True)
+        ]
+        parts[name] = np.stack([values, *of_stretches])
     for name in _SLOPES:
-        if name in pairs:
-            for values, span, wrong in zip(pairs[name], spans, wrong_of_one(name, pairs[name]), strict=True):
+        if name in parts:
+            for values, span, wrong in zip(parts[name], spans, wrong_of_one(name, parts[name]), strict=True):
                 if wrong.any():
-                    values[wrong] = _values(view, name, _without_weightiest(view, terms[name], span, wrong))[wrong]
-    return every, pairs
+                    others, ratio = _without_weightiest(view, terms[name], span, wrong), _ratio(name, found)
+                    values[wrong] = _value(view, name, others, ratio=ratio)[wrong]
+    return every, parts
 
 
-def _without_weightiest(view: ShardView, terms: _Terms, counts: Mask, attempts: Mask) -> _Terms:
+def _without_weightiest(view: ShardView, terms: Terms, counts: Mask, attempts: Mask) -> Terms:
     """Terms of the steps that count in attempts, but for the one of the greatest weight in each."""
-    row, above, below = terms
-    own = view.observations.rollout
+    row, own = terms.row, view.observations.rollout
     chosen = np.flatnonzero(counts[row] & np.append(attempts, False)[own[row]])
-    order = chosen[np.lexsort((below[chosen], own[row[chosen]]))]
+    order = chosen[np.lexsort((terms.parts[1][chosen], own[row[chosen]]))]
     owner = own[row[order]]
-    kept = order[np.append(owner[1:] == owner[:-1], False)[: len(owner)]]
-    return _Terms(row[kept], above[kept], below[kept])
+    return terms.take(order[np.append(owner[1:] == owner[:-1], False)[: len(owner)]])
 
 
 def _steps_between(counts: Mask) -> Mask:
@@ -182,29 +153,44 @@ def _steps_between(counts: Mask) -> Mask:
     return np.append(False, counts[1:] & counts[:-1])[: len(counts)]
 
 
-def _values(view: ShardView, name: str, terms: _Terms, counts: Mask | None = None) -> Array:
+def _ratio(name: str, values: dict[str, Array]) -> Array | float:
+    """Ratio of recorded values to those of the positions that a lead is measured with, of values that are known."""
+    return values.get(LEADS.get(name, ""), 1.0)
+
+
+def _values_of(view: ShardView, terms: dict[str, Terms], counts: Mask | None = None) -> dict[str, Array]:
+    """Values of quantities in every attempt; those of ratios come before the leads that need them."""
+    found: dict[str, Array] = {}
+    for name, each in terms.items():
+        found[name] = _value(view, name, each, counts, _ratio(name, found))
+    return found
+
+
+def _value(view: ShardView, name: str, terms: Terms, counts: Mask | None = None, ratio: Array | float = 1.0) -> Array:
     """Value of a quantity in every attempt, over the steps that count, by the observation they lead to ``[rollouts]``.
 
     All count where nothing is said.
     """
-    row, above, below = terms
     if counts is not None:
-        kept = np.flatnonzero(counts[row])
-        row, above, below = row[kept], above[kept], below[kept]
-    owner, num_attempts = view.observations.rollout[row], view.num_rollouts
+        terms = terms.take(np.flatnonzero(counts[terms.row]))
+    owner, num_attempts = view.observations.rollout[terms.row], view.num_rollouts
     steps = np.bincount(owner, minlength=num_attempts)
-    upper, lower = (
-        np.where(steps >= MIN_STEPS, np.bincount(owner, values, num_attempts), np.nan) for values in (above, below)
-    )
-    values = np.degrees(np.arctan2(upper, lower)) if name in _ANGLES else upper / lower
-    return np.where(np.isfinite(values), np.round(values, 6), np.nan)
+    sums = [np.asarray(np.bincount(owner, part, num_attempts), np.float64) for part in terms.parts]
+    if name in LEADS:
+        by_change, changes, mixed = sums
+        values = lead(by_change, changes, mixed, ratio)
+    elif name in _ANGLES:
+        values = np.degrees(np.arctan2(*sums))
+    else:
+        values = sums[0] / sums[1]
+    return np.where(np.isfinite(values) & (steps >= MIN_STEPS), np.round(values, 6), np.nan)
 
 
-def _of_ego(view: ShardView) -> dict[str, _Terms]:
+def _of_ego(view: ShardView) -> dict[str, Terms]:
     stream = view.observations
     every = np.flatnonzero(follows(stream))
     distinct, place = view.cached(Copies).rows("observations").distinct(every, every - 1, len(stream))
-    row, steps = every[distinct], _Steps(every, place)
+    row, steps = every[distinct], Steps(every, place)
     x, y, yaw, speed, rate, along, across = (
         [stream[name][rows].astype(np.float64) for rows in (row - 1, row)]
         for name in (
@@ -240,9 +226,9 @@ def _of_ego(view: ShardView) -> dict[str, _Terms]:
     return found | _of_commands(view, every[moving], *(values[one] for values in (mean_speed, turning, gained)))
 
 
-def _of_commands(view: ShardView, row: Index, mean_speed: Array, turning: Array, gained: Array) -> dict[str, _Terms]:
+def _of_commands(view: ShardView, row: Index, mean_speed: Array, turning: Array, gained: Array) -> dict[str, Terms]:
     """Terms of the quantities of commands, from steps of moving egos to observations, each field ``[steps]``."""
-    steps, sense = _Steps(row, np.arange(len(row))), np.sign(mean_speed)
+    steps, sense = Steps(row, np.arange(len(row))), np.sign(mean_speed)
     turns, gains = np.abs(turning) >= MIN_RATE_RADPS, np.abs(gained) >= MIN_ACCELERATION_MPS2
     steer, throttle, brake = _commands(view, row)
     found = {
@@ -281,16 +267,17 @@ def _commands(view: ShardView, row: Index) -> Array:
     return found
 
 
-def _of_actors(view: ShardView) -> dict[str, _Terms]:
+def _of_actors(view: ShardView) -> dict[str, Terms]:
     """Terms of the quantities of actors, from steps of those who move."""
     stream, every = view.stream("actors"), view.cached(actor_steps)
     row, before = every.row[every.distinct], every.before[every.distinct]
-    way = np.hypot(*(stream[name][row] - stream[name][before] for name in ("x_m", "y_m"))) / OBSERVATION_S
+    way_x, way_y = (stream[name][row] - stream[name][before] for name in ("x_m", "y_m"))
+    way = np.hypot(way_x, way_y) / OBSERVATION_S
     moves = np.flatnonzero(way >= MIN_WALK_MPS)
     place = np.full(len(row), -1)
     place[moves] = np.arange(len(moves))
     moving = np.flatnonzero((place >= 0)[every.place])
-    steps = _Steps(view.observations.rows_of(stream)[every.row[moving]], place[every.place[moving]])
+    steps = Steps(view.observations.rows_of(stream)[every.row[moving]], place[every.place[moving]])
     row, before, way = row[moves], before[moves], way[moves]
     vel_x, vel_y = (
         np.add(stream[name][row], stream[name][before], dtype=np.float64) / 2 for name in ("vel_x_mps", "vel_y_mps")
@@ -312,4 +299,5 @@ def _of_actors(view: ShardView) -> dict[str, _Terms]:
         "actor_speed": steps.terms(is_driving, speed, way),
         "pedestrian_speed": steps.terms(is_walker, speed, way),
         "pedestrian_sense": steps.terms(is_walker & is_aslant, along, speed),
+        **leads_of_actors(view, moving[is_driving[steps.place]], way_x, way_y),
     }

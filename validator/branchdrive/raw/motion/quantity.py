@@ -44,6 +44,11 @@ class Quantity(NamedTuple):
         """The same of a single attempt."""
         return _bounded(self.text, *(self.of_one or (-np.inf, np.inf)))
 
+    @property
+    def expected_of_stretch(self) -> str:
+        """The same of the observations of an attempt up to the branch, or from it on."""
+        return _bounded(self.text, LEAST_OF_STRETCH, (self.of_one or (-np.inf, np.inf))[1])
+
 
 def _bounded(text: str, least: float, most: float) -> str:
     return f"{text}: {least:g} {'or more' if most == np.inf else f'to {most:g}'}"
@@ -85,7 +90,7 @@ QUANTITIES = {
         "actors", "vel_x_mps", 0.95, 1.05, "way of vehicles by velocity and clock over way of the positions", (0.9, 1.1)
     ),
     "pedestrian_speed": Quantity(
-        "actors", "vel_x_mps", 0.8, 1.25, "way of pedestrians by velocity and clock over way of the positions",
+        "actors", "vel_x_mps", 0.95, 1.05, "way of pedestrians by velocity and clock over way of the positions",
         (0.7, 1.4),
     ),
     "pedestrian_sense": Quantity(
@@ -93,6 +98,25 @@ QUANTITIES = {
     ),
     "command": Quantity(
         "observations", "command", 0.0, np.inf, "yaw rate to the side of the navigation command, in rad/s"
+    ),
+    "speed_lead": Quantity(
+        "observations", "speed_mps", -0.55, 0.55, "observations that the speed is ahead of the positions",
+        (-0.75, 0.75),
+    ),
+    "yaw_rate_lead": Quantity(
+        "observations", "yaw_rate_radps", -0.55, 0.55, "observations that the yaw rate is ahead of the headings",
+        (-0.75, 0.75),
+    ),
+    "longitudinal_lead": Quantity(
+        "observations", "accel_longitudinal_mps2", 0.25, np.inf,
+        "observations that the acceleration is ahead of the mean of two changes of speed",
+    ),
+    "lateral_lead": Quantity(
+        "observations", "accel_lateral_mps2", 0.25, np.inf,
+        "observations that the acceleration is ahead of the mean of two products of speed and yaw rate",
+    ),
+    "actor_lead": Quantity(
+        "actors", "vel_x_mps", -0.55, 0.55, "observations that the velocity is ahead of the positions", (-0.75, 0.75)
     ),
 }  # fmt: skip
 """What is calibrated of recorded motion, by name."""
@@ -109,10 +133,15 @@ OF_VEHICLE = {
 """What is calibrated of the vehicle that the descriptor declares."""
 
 
-def wrong_of_one(name: str, values: NDArray[np.float64]) -> Mask:
-    """Where values of a quantity between contacts are none that is right of one attempt ``[2, rollouts]``.
+LEAST_OF_STRETCH = -0.25
+"""Least slope that is right of the observations up to the branch, or from it on: a smaller one has the wrong sign."""
 
-    From the branch on there are few observations, over which a turn may begin or end: there only the sign tells.
+
+def wrong_of_one(name: str, values: NDArray[np.float64]) -> Mask:
+    """Where values of a quantity between contacts are none that is right of one attempt ``[3, rollouts]``.
+
+    Up to the branch, and from it on, there are few observations, over which a turn may begin or end: there only the
+    sign tells.
     """
     least, most = QUANTITIES[name].of_one or (-np.inf, np.inf)
-    return np.asarray((values < np.array([[least], [-least]])) | (values > most))
+    return np.asarray((values < np.array([[least], [LEAST_OF_STRETCH], [LEAST_OF_STRETCH]])) | (values > most))

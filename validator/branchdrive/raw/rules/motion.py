@@ -28,6 +28,10 @@ _MIN_JUDGED = len(HISTORY_OFFSETS) // 2
 """Observations of a history at which motion has to be judged."""
 
 
+_STRETCHES = ("", " up to the branch", " from the branch on")
+"""What the parts of `calibration_between_contacts` are of, in words."""
+
+
 class _Part(NamedTuple):
     """What a rule says of one column: who it can be compared in, and which observations are wrong."""
 
@@ -149,9 +153,8 @@ def attempts_have_sign_unit_and_clock(view: ShardView, subjects: Mask) -> Iterat
         unit = wrong_unit(names[0], value)
         meaning = f", as what is {unit.text}" if unit else ""
         place: Location = {"table": quantity.table, "column": quantity.column}
-        return Mismatch(
-            place, quantity.expected_of_one, f"{value:.3g}{meaning}{' from the branch on' * part}", len(names)
-        )
+        expected = quantity.expected_of_stretch if part else quantity.expected_of_one
+        return Mismatch(place, expected, f"{value:.3g}{meaning}{_STRETCHES[part]}", len(names))
 
     yield Check.of_subjects(subjects & compared, subjects & bad, describe)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import (
     BOTH,
@@ -56,6 +57,35 @@ def yaw_rates_that_lag_behind_a_turn_from_the_branch_on(d: Draft) -> None:
     """A few observations in which turns begin and end make small values, and no contrary sign."""
     after = range(BRANCH_TICK, BRANCH_TICK + 45, 5)
     d.set("observations", "yaw_rate_radps", lambda rate: 0.1 * rate, rollout_id=ON_A_BEND, tick=after)
+
+
+HISTORY = range(BRANCH_TICK - 75, BRANCH_TICK + 1, 5)
+
+
+@mutant("BD-MOT-006", at={**_motion_of("accel_lateral_mps2"), "rollout_id": ON_A_BEND}, base="bare")
+def accelerations_of_the_other_sense_up_to_the_branch(d: Draft) -> None:
+    """What lies behind outweighs them, so that the slope of the attempt is right."""
+    behind = range(BRANCH_TICK + 5, BRANCH_TICK + 101, 5)
+    d.set("observations", "accel_lateral_mps2", lambda a: -a, rollout_id=ON_A_BEND, tick=HISTORY)
+    d.set("observations", "accel_lateral_mps2", lambda a: 2 * a, rollout_id=ON_A_BEND, tick=behind)
+
+
+@boundary("BD-MOT-006", base="bare")
+def accelerations_that_nearly_cancel_up_to_the_branch(d: Draft) -> None:
+    d.set("observations", "accel_lateral_mps2", lambda a: -0.2 * a, rollout_id=ON_A_BEND, tick=HISTORY)
+
+
+def give_before(d: Draft, column: str, share: float, **where: object) -> None:
+    """Values that are, to a share, those of the observation before."""
+    for rollout_id in d.take("rollouts", **where)["rollout_id"].to_pylist():
+        values = d.take("observations", rollout_id=rollout_id)[column].to_numpy()
+        late = (1 - share) * values + share * np.append(values[:1], values[:-1])
+        d.fill("observations", {column: late.astype(np.float32)}, rollout_id=rollout_id)
+
+
+@mutant("BD-MOT-006", at={**_motion_of("speed_mps"), "rollout_id": ON_A_BEND}, base="bare")
+def speeds_of_the_observation_before_in_an_attempt(d: Draft) -> None:
+    give_before(d, "speed_mps", 1.0, rollout_id=ON_A_BEND)
 
 
 # BD-MOT
