@@ -83,6 +83,7 @@ class Bounds:
     bev_px: float
     bev_share: float
     bev_route_m: float
+    sign_m: float
     bev_light_m: float
     bev_junction_m: float
     deviated_m: float
