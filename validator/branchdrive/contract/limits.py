@@ -84,6 +84,8 @@ class Bounds:
     bev_share: float
     bev_route_m: float
     sign_m: float
+    meeting_m: float
+    stop_line_m: float
     bev_light_m: float
     bev_junction_m: float
     deviated_m: float

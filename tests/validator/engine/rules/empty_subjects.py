@@ -105,7 +105,7 @@ def nobody_decides(d: Draft) -> None:
         d.drop_attempt(rollout_id)
 
 
-@empties("MAP 001 002 003 004 005 006 007 008 009 010", base="map")
+@empties("MAP 001 002 003 004 005 006 007 008 009 010 011 012", base="map")
 def nothing_is_mapped(d: Draft) -> None:
     _without_rows(d)
 
