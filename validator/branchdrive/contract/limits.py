@@ -95,6 +95,7 @@ class Bounds:
     history_m: float
     history_mps: float
     driving_mps: float
+    heeding_mps: float
     body_m: float
     pedestrian_m: float
     cycle_m: float
