@@ -193,7 +193,7 @@ def _brake_for_pedestrians(d: Draft, rollout_id: str, *ticks: int) -> None:
     d.set("observations", "pedestrian_hazard", True, rollout_id=rollout_id, tick=ticks)
 
 
-@mutant("BD-ACT-008", at={**observed_at("pedestrian_hazard", 100), "rollout_id": ALONE})
+@mutant("BD-ACT-008", at={**observed_at("pedestrian_hazard", 100), "rollout_id": ALONE}, lost=0)
 def brakes_for_a_pedestrian_where_none_is(d: Draft) -> None:
     _brake_for_pedestrians(d, ALONE, 100, 105, 125)
 
