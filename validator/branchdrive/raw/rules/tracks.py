@@ -245,8 +245,9 @@ def pedestrians_that_are_braked_for_are_there(view: ShardView, subjects: Mask) -
     brakes &= (offset >= HISTORY_OFFSETS[0]) & (offset <= FUTURE_OFFSETS[-1])
     brakes &= np.abs(observations["speed_mps"]) <= physical_bounds().heeding_mps
     is_there = np.zeros(len(observations) + 1, bool)
-    if brakes.any():
-        is_there[observations.rows_of(actors)[actors.equals("actor_class", "pedestrian")]] = True
+    if brakes.any() and len(actors):
+        is_pedestrian = actors.equals("actor_class", "pedestrian")
+        is_there[observations.rows_of_moments(actors)] = np.logical_or.reduceat(is_pedestrian, actors.moments)
     summary = observations.by_rollout(brakes)
 
     def describe(i: int) -> Mismatch:
