@@ -19,10 +19,12 @@ _NAMES = (
     "files_layout", "files_places", "files_companions", "files_documents", "files_tables", "values", "nulls",
     "keys", "status", "ticks", "controls", "controls_effective", "controls_axis", "ticks_windows", "evidence",
     "extents", "route", "motion", "tracks", "coverage", "results", "infractions", "ticks_trigger", "groups",
-    "media", "images", "media_archives", "images_semantic_maps", "maps", "layers", "layers_contents", "canonical",
+    "media", "images", "media_archives", "images_semantic_maps", "maps", "maps_lanes", "layers", "layers_contents",
+    "canonical",
     "quality_qualification", "quality_split", "quality_fidelity", "model_inputs", "model_inputs_targets",
     "model_inputs_features", "model_near_duplicate", "leakage_audit", "leakage_structural", "leakage_codes",
     "leakage_audit_battery", "card", "model_inputs_endings", "model_inputs_objects", "replays", "responses",
+    "responses_effects",
     "responses_copies", "groups_outcomes", "responses_experts", "image_replays", "responses_images", "decisions",
     "responses_clock", "benchmark", "benchmark_results", "layers_model_and_benchmark",
 )  # fmt: skip

@@ -5,4 +5,4 @@ select rollout_id, group_id, 'rollouts' as "table",
         when red > 0 and (no_signal or whole and not lit) then 'result_num_red_light_infractions'
         else 'result_num_stop_sign_infractions' end as "column"
 from infraction
-where departures and whole and off_road <> left_road or red > 0 and (no_signal or whole and not lit) or stop > 0 and no_sign
+where departures and whole and off_road <> left_road or red > 0 and (no_signal or whole and not lit) or stop > 0 and no_sign or is_far

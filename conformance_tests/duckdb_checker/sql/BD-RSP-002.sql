@@ -11,3 +11,13 @@ group by action_key having nearly_all(count(*) filter (first_difference is null)
 union all
 select action_key
 from alike group by action_key, other having nearly_all(count(*) filter (is_one), count(*), 3)
+union all
+-- What others deny, of pairs that are not found already.
+select action_key from driving_pair e
+where is_one and (action_key, other) not in (
+        select (action_key, other) from alike group by action_key, other having nearly_all(count(*) filter (is_one), count(*), 3))
+    and exists (from driving_pair t where t.action_key = e.action_key and t.other = e.other and t.is_told
+        and t.apart <= e.apart + 1e-6 and t.began <= e.ended)
+    and exists (from driving_pair t where t.action_key = e.action_key and t.other = e.other and t.is_told
+        and t.apart <= e.apart + 1e-6 and t.began >= e.began)
+group by action_key, other having count(*) >= 3

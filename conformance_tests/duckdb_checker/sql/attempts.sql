@@ -76,3 +76,10 @@ select width_m from (
         on o.run = c.run and o.tick = c.tick
     where c.tick between r.branch_tick - 75 and r.branch_tick + 50)
 where actor_class = 'vehicle' and (last is null or last is distinct from before);
+
+-- Observations of the window at which an ego that is slow brakes for pedestrians, and whether one has a row.
+create or replace temp table braking as
+select run, tick, rollout_id, group_id,
+    exists (from actors c where c.run = o.run and c.tick = o.tick and c.actor_class = 'pedestrian') as is_there
+from observation o
+where pedestrian_hazard and tick between t_b - 75 and t_b + 50 and abs(speed_mps) <= $heeding_mps and $has_evidence;

@@ -34,13 +34,14 @@ with compared as (
         max(o.speed_mps::double - n.speed_mps) filter (o.tick = t_b + 50) as faster,
         wrap(max(o.yaw_rad::double - n.yaw_rad) filter (o.tick = t_b + 20)
             - max(o.yaw_rad::double - n.yaw_rad) filter (o.tick = t_b)) as turn,
-        min(abs(n.speed_mps)) filter (o.tick >= t_b) > 0.5 as moves
+        min(abs(n.speed_mps)) filter (o.tick >= t_b) > 0.5 as moves,
+        max(o.speed_mps::double) filter (o.tick = t_b) as began, max(o.speed_mps::double) filter (o.tick = t_b + 50) as ended
     from compared p join observations o using (run)
     join observations n on n.run = p.nominal_run and n.tick = o.tick
     where o.tick between t_b - 80 and t_b + 50
     group by run
 )
-select run, nominal_run, t_b, group_id, action_key, steer, drive, left_m, turn, faster, moves, future, sooner, later,
+select run, nominal_run, t_b, group_id, action_key, steer, drive, left_m, turn, faster, moves, began, ended, future, sooner, later,
     case when state_differs < 0 or rate_differs is distinct from 0 then state_differs else 0 end as first_difference,
     abs(steer) >= 0.04 as steers, abs(drive) >= 0.04 as drives, moves and (steers or drives) as is_commanded,
     case when first_difference >= 0 then first_difference end as response, nominal_future,
@@ -63,3 +64,12 @@ select a.action_key, b.action_key as other, a.steer - b.steer as steer, a.drive 
     wrap(a.turn - b.turn) as turn, a.later - b.later as accel,
     abs(a.steer - b.steer) >= 0.04 as steers, abs(a.drive - b.drive) >= 0.04 as drives
 from effect a join effect b on b.group_id = a.group_id and b.action_key < a.action_key where a.moves;
+
+-- Two actions of a group that drive otherwise: whether they have one future, or are told apart.
+create or replace temp table driving_pair as
+select a.action_key, b.action_key as other, a.group_id, abs(a.drive - b.drive) as apart, a.began, a.ended,
+    b.first_difference is not null and a.future = b.future and a.ended - a.began >= 2 as is_one,
+    sign(a.drive - b.drive) * (a.later - b.later) >= 0.5 as is_told
+from effect a join policy p on p.key = a.action_key
+join effect b on b.group_id = a.group_id join policy q on q.key = b.action_key and q.rowid < p.rowid
+where abs(a.drive - b.drive) >= 0.04 and abs(a.steer - b.steer) < 0.04;

@@ -3,6 +3,20 @@ create or replace temp table moment as
 select e.*, p.on_road as was_on_road, p.traffic_light_available as was_governed, p.traffic_light as light_before
 from evidence e join attempt a using (run) left join evidence p on p.run = e.run and p.tick = e.tick - 5;
 
+-- Attempts that count stop signs and come near none of those of their town, all of which are whole.
+create or replace temp table far_from_signs as
+with sign as (
+    select m.shard, m.town, x_m[1] as x, y_m[1] as y, element_id in (select element_id from faulty_element f where f.town = m.town) as is_faulty
+    from map m where kind = 'stop_sign'
+)
+select run from attempt a
+where result_num_stop_sign_infractions > 0
+    and exists (from sign s where s.shard = a.shard and s.town = a.town)
+    and not exists (from sign s where s.shard = a.shard and s.town = a.town and is_faulty)
+    and not exists (
+        from sign s join observations o on o.run = a.run
+        where s.shard = a.shard and s.town = a.town and sqrt(pow(o.x_m - s.x, 2) + pow(o.y_m - s.y, 2)) <= $sign_m);
+
 create or replace temp table infraction as
 with seen as (
     select run, count(*) as rows_of_evidence, count(*) filter (not on_road and was_on_road is distinct from false) as left_road,
@@ -16,7 +30,8 @@ select run, rollout_id, group_id, result_num_off_road_infractions as off_road, r
     stop is not null as stops, $has_evidence and coalesce(rows_of_evidence, 0) >= coalesce(num_observed, 0) as whole,
     coalesce(left_road, 0) as left_road, coalesce(lit, false) as lit, $has_map as has_map,
     $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'signal') as no_signal,
-    $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'stop_sign') as no_sign
+    $has_map and not exists (from map m where m.shard = a.shard and m.town = a.town and m.kind = 'stop_sign') as no_sign,
+    run in (select run from far_from_signs) as is_far
 from attempt a left join seen using (run) left join observed using (run);
 
 -- Attempts that leave signals: whether they run a red light, and whether they may run one, as it is not green at the end.

@@ -90,3 +90,26 @@ def test_policies_are_in_order_where_one_command_and_its_response_differ() -> No
     assert standing.orders(6, 5)[1].tolist() == [0, 0, 0]
     assert [values.tolist() for values in Responses.none().orders(6, 5)] == [[], []]
     assert [values.tolist() for values in every.orders(6, 99)] == [[], []]
+
+
+def told(began_mps: list[float], drive: list[float], is_one: list[bool]) -> tuple[int, int]:
+    """What is denied of two policies in groups, of which the first gains 3 m/s and the second drives less."""
+    num = len(began_mps)
+    future = [*range(num), *(k if same else -1 for k, same in enumerate(is_one))]
+    accel = [[0.0, 0.0 if same else 1.0] for same in is_one]
+    every = interventions(
+        2 * num, group=[*range(num)] * 2, policy=[0] * num + [1] * num, drive=[*drive, *[0.0] * num],
+        first=[1] * 2 * num, accel_mps2=accel + [[0.0, 0.0]] * num, began_mps=began_mps * 2, gain_mps=[3.0] * 2 * num,
+        future=future,
+    )  # fmt: skip
+    return every.denied(0, 1)
+
+
+def test_a_future_of_two_is_denied_where_others_tell_them_apart() -> None:
+    at = [5.0, 6.0, 7.0]
+    assert told([*at, 6.5], [0.3] * 4, [True, True, True, False]) == (2, 1)  # none is as fast as the third
+    assert told([*at, 8.1, 4.9], [0.3] * 5, [True, True, True, False, False]) == (3, 2)
+    assert told([*at, 11.0], [0.3] * 4, [True, True, True, False]) == (0, 1)  # tyres may slip up to there
+    assert told([*at, 7.5], [0.3, 0.3, 0.3, 0.31], [True, True, True, False]) == (0, 1)  # of more throttle
+    assert told(at, [0.3] * 3, [True] * 3) == (0, 0)
+    assert told([*at, 7.5], [0.03] * 4, [True, True, True, False]) == (0, 0)

@@ -83,6 +83,9 @@ class Bounds:
     bev_px: float
     bev_share: float
     bev_route_m: float
+    sign_m: float
+    meeting_m: float
+    stop_line_m: float
     bev_light_m: float
     bev_junction_m: float
     deviated_m: float
@@ -92,6 +95,7 @@ class Bounds:
     history_m: float
     history_mps: float
     driving_mps: float
+    heeding_mps: float
     body_m: float
     pedestrian_m: float
     cycle_m: float

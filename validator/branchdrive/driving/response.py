@@ -45,6 +45,15 @@ CLEAR_EFFECT_M = 0.3
 MIN_EFFECT_MPS2 = 2.0
 """Change of an acceleration that no noise of replays explains in nine of ten interventions."""
 
+MIN_GAIN_MPS = 2.0
+"""Gain of speed in the window of a vehicle that is at no top speed, of its own or of a limit."""
+
+MIN_TOLD_MPS2 = 0.5
+"""Difference of the first accelerations of two actions that tells them apart."""
+
+ROUNDING = 1e-6
+"""Of a mean of commands."""
+
 TURN_OFFSET = 20
 """Ticks after ``t_b`` in which a turn shows steering: a second, before which no vehicle comes round."""
 
@@ -74,6 +83,8 @@ class Responses:
             `BEFORE_BRANCH`, or `NO_RESPONSE`.
         moves: Whether the nominal vehicle moves between ``t_b`` and ``t_b + 50``.
         accel_mps2: Longitudinal acceleration minus the nominal's, at ``t_b`` and at ``t_b + 5`` ``[interventions, 2]``.
+        began_mps: Speed at ``t_b``.
+        gain_mps: Speed at ``t_b + 50`` minus that.
         future: Its poses and speeds from ``t_b + 5`` to ``t_b + 50``, to three decimals, as 63 bits of a digest.
         nominal_future: The same of the nominal.
         expert: What the expert commanded while it was overridden, of its steering and of its throttle and brake:
@@ -91,6 +102,8 @@ class Responses:
     first: Index
     moves: NDArray[np.bool_]
     accel_mps2: Array
+    began_mps: Array
+    gain_mps: Array
     future: Index
     nominal_future: Index
     expert: NDArray[np.bool_]
@@ -101,7 +114,8 @@ class Responses:
         index, value = np.zeros(0, np.int64), np.zeros(0)
         accel, expert = np.zeros((0, 2)), np.zeros((0, 2, 4), bool)
         return cls(
-            index, index, value, value, value, value, value, index, np.zeros(0, bool), accel, index, index, expert,
+            index, index, value, value, value, value, value, index, np.zeros(0, bool), accel, value, value, index,
+            index, expert,
         )  # fmt: skip
 
     @cached_property
@@ -153,6 +167,35 @@ class Responses:
         away = np.maximum(np.abs(self.steer[a] - self.steer[b]), np.abs(self.drive[a] - self.drive[b]))
         is_one = (self.first[a] != NO_RESPONSE) & (self.future[a] == self.future[b])
         return self.moves[a] & (away >= MIN_COMMAND), is_one
+
+    def denied(self, first: int, second: int) -> tuple[int, int]:
+        """How often two policies have one future of a vehicle that gains speed, though others tell them apart.
+
+        What keeps throttle from having an effect at a speed, as a limit of the power or of the tyres, keeps it from
+        that at all higher speeds, or at all lower ones.
+
+        Args:
+            first: Index of a policy.
+            second: Index of another one.
+
+        Returns:
+            In how many groups others deny it, one that begins no faster than they end and one that begins no slower
+            than they do, in which drives are no further apart; and how many groups tell both policies apart.
+        """
+        a, b = self._pairs(first, second)
+        drive, accel = self.drive[a] - self.drive[b], self.accel_mps2[a, 1] - self.accel_mps2[b, 1]
+        counts = (np.abs(drive) >= MIN_COMMAND) & (np.abs(self.steer[a] - self.steer[b]) < MIN_COMMAND)
+        told = np.flatnonzero(counts & (np.sign(drive) * accel >= MIN_TOLD_MPS2))
+        is_one = (self.first[a] != NO_RESPONSE) & (self.future[a] == self.future[b])
+        equal = np.flatnonzero(counts & is_one & (self.gain_mps[a] >= MIN_GAIN_MPS))
+        told = told[np.argsort(self.began_mps[a[told]], kind="stable")]
+        speed, apart = self.began_mps[a[told]], np.abs(drive[told])
+        begin, own_apart = self.began_mps[a[equal]], np.abs(drive[equal]) + ROUNDING
+        up_to = np.insert(np.minimum.accumulate(apart), 0, np.inf)
+        beyond = np.append(np.minimum.accumulate(apart[::-1])[::-1], np.inf)
+        by_slower = up_to[np.searchsorted(speed, begin + self.gain_mps[a[equal]], "right")] <= own_apart
+        by_faster = beyond[np.searchsorted(speed, begin)] <= own_apart
+        return int((by_slower & by_faster).sum()), len(told)
 
     @classmethod
     def of_all(cls, parts: Iterable[Responses]) -> Responses:

@@ -15,19 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Areas", "Strips", "TooLargeError", "Work"]
+__all__ = ["BLOCK_PAIRS", "CELL_M", "Areas", "Strips", "TooLargeError", "Work", "cell_key", "cell_of", "places_in"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_CELL_M = 4.0
-_HALF_DIAGONAL_M = 0.7072 * _CELL_M
+CELL_M = 4.0
+_HALF_DIAGONAL_M = 0.7072 * CELL_M
 _PIECE_M = 8.0
 """Segments are filed piece by piece, or a long oblique one would be filed all over its bounding box."""
 
 _BLOCK_ROWS = 65_536
-_BLOCK_PAIRS = 1 << 17
+BLOCK_PAIRS = 1 << 17
 _OFFSET, _SPAN = 1 << 23, 1 << 24
 """Coordinates within 1e7 m lie in fewer than 2 ** 23 cells on each side of the origin."""
 
@@ -57,17 +57,19 @@ class Work:
             raise TooLargeError(f"takes more than {self._num_pairs:,} pairs of a place and what lies near it")
 
 
-def _ranges(counts: Index) -> tuple[Index, Index]:
+def places_in(counts: Index) -> tuple[Index, Index]:
     """Owner and place within it of ``counts[i]`` items of every owner ``i``."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
-def _cell(values_m: Array) -> Index:
-    return np.floor(values_m / _CELL_M).astype(np.int64) + _OFFSET
+def cell_of(values_m: Array, cell_m: float = CELL_M) -> Index:
+    """Column or row of the cells of a size, at least `CELL_M`, in which coordinates lie."""
+    return np.floor(values_m / cell_m).astype(np.int64) + _OFFSET
 
 
-def _key(town: Index, column: Index, row: Index) -> Index:
+def cell_key(town: Index, column: Index, row: Index) -> Index:
+    """One number for each cell of each town."""
     return np.asarray((town * _SPAN + column) * _SPAN + row)
 
 
@@ -104,27 +106,27 @@ class Strips:
     def _filed(self, town: Index, slack_m: float, most_squares: int) -> tuple[Index, Index, Index]:
         """Occupied cells, ascending, the first entry of each and of the end, and the segment of every entry."""
         counts = np.maximum(np.ceil(np.sqrt(self._square) / _PIECE_M), 1)
-        too_large = TooLargeError(f"covers more than {most_squares:,} squares of {_CELL_M:g} m")
+        too_large = TooLargeError(f"covers more than {most_squares:,} squares of {CELL_M:g} m")
         if counts.sum() > most_squares:
             raise too_large
-        segment, place = _ranges(counts.astype(np.int64))
+        segment, place = places_in(counts.astype(np.int64))
         reach = np.maximum(self._half, self._half + self._widens) + slack_m
         lines = ((self._x, self._step_x), (self._y, self._step_y))
         low, high = (
             np.stack([start[segment] + (place + end) / counts[segment] * step[segment] for start, step in lines])
             for end in (0, 1)
         )
-        least = _cell(np.minimum(low, high) - reach[segment])
-        spans = _cell(np.maximum(low, high) + reach[segment]) - least + 1
+        least = cell_of(np.minimum(low, high) - reach[segment])
+        spans = cell_of(np.maximum(low, high) + reach[segment]) - least + 1
         if spans.prod(axis=0, dtype=np.float64).sum() > most_squares:
             raise too_large
-        piece, place = _ranges(spans.prod(axis=0))
+        piece, place = places_in(spans.prod(axis=0))
         column = least[0, piece] + place // spans[1, piece]
         row = least[1, piece] + place % spans[1, piece]
         segment = segment[piece]
-        middle_x, middle_y = ((place - _OFFSET + 0.5) * _CELL_M for place in (column, row))
+        middle_x, middle_y = ((place - _OFFSET + 0.5) * CELL_M for place in (column, row))
         near = np.flatnonzero(self._foot(segment, middle_x, middle_y)[0] <= reach[segment] + _HALF_DIAGONAL_M)
-        key, segment = _key(town[segment], column, row)[near], segment[near]
+        key, segment = cell_key(town[segment], column, row)[near], segment[near]
         order = np.argsort(key, kind="stable")  # segments ascend already
         key, segment = key[order], segment[order]
         is_new = np.append(True, (np.diff(key) != 0) | (np.diff(segment) != 0))[: len(key)]  # pieces of one segment
@@ -168,14 +170,14 @@ class Strips:
         """Points and the segments near them, in blocks."""
         if not len(self._cells) or not len(town):
             return
-        key = _key(town, _cell(x_m), _cell(y_m))
+        key = cell_key(town, cell_of(x_m), cell_of(y_m))
         place = np.minimum(np.searchsorted(self._cells, key), len(self._cells) - 1)
         counts = np.where(self._cells[place] == key, self._firsts[place + 1] - self._firsts[place], 0)
         work.spend(int(counts.sum()))
-        blocks = np.maximum(np.arange(len(key)) // _BLOCK_ROWS, np.cumsum(counts) // _BLOCK_PAIRS)
+        blocks = np.maximum(np.arange(len(key)) // _BLOCK_ROWS, np.cumsum(counts) // BLOCK_PAIRS)
         firsts = np.flatnonzero(np.diff(blocks, prepend=-1))
         for first, stop in zip(firsts, np.append(firsts[1:], len(key)), strict=True):
-            owner, entry = _ranges(counts[first:stop])
+            owner, entry = places_in(counts[first:stop])
             point = owner + first
             yield point, self._segments[self._firsts[place[point]] + entry]
 
@@ -222,7 +224,7 @@ class Areas:
             rows = rows[(y_m[rows] >= low_y) & (y_m[rows] <= high_y) & (town[rows] == own)]
             work.spend(len(rows) * len(outline))
             if len(rows):
-                for part in np.array_split(rows, max(1, len(rows) * len(outline) // _BLOCK_PAIRS)):
+                for part in np.array_split(rows, max(1, len(rows) * len(outline) // BLOCK_PAIRS)):
                     yield part, _outline_excess(outline, points[part])
 
 

@@ -51,14 +51,14 @@ INHERITED = frozenset({"BD-STA-001", "BD-CTL-009", "BD-EVD-001", "BD-BNK-001", "
 NO_SUBJECT = frozenset(
     {
         "BD-ACT-005", "BD-ACT-006", "BD-ACT-007", "BD-CTL-015", "BD-DOC-006", "BD-FRM-013", "BD-LAY-010", "BD-LKG-017",
-        "BD-MAP-009", "BD-RES-006", "BD-RPN-001", "BD-RPN-003", "BD-RPN-004", "BD-RPN-006", "BD-RSP-004", "BD-RSP-014",
-        "BD-RSP-016",
+        "BD-MAP-009", "BD-MAP-011", "BD-MAP-012", "BD-RES-006", "BD-RPN-001", "BD-RPN-003", "BD-RPN-004", "BD-RPN-006",
+        "BD-RSP-004", "BD-RSP-014", "BD-RSP-016",
     }
 )  # fmt: skip
 """Rules without a subject: of actors that come back, of tracks that begin or end, in three groups or more, of archives,
 which nothing holds, of an ignore file, which is not there, of codes, for which route clusters are too few, of towns
-without signals, of one axis, exact replays and a vehicle, which nothing declares, on red lights, which nobody runs, and
-on the first observation that differs, where attempts differ from the start."""
+without signals, of lanes that meet and of stop lines, of one axis, exact replays and a vehicle, which nothing declares,
+on red lights, which nobody runs, and on the first observation that differs, where attempts differ from the start."""
 
 OF_MORE_GROUPS = frozenset({"BD-ACT-006", "BD-ACT-007"})
 """Those that have subjects in releases, whose groups are more."""

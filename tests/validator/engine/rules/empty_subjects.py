@@ -63,7 +63,7 @@ def empties(*areas: str, base: Base = "full") -> Callable[[Edit], Edit]:
 
 OF_ATTEMPTS = (
     "TIC 001 002 003", "CTL 001 002 003 004 005 006 007 008 009 010 011 012 013 014 015", "WIN 001 002 003 004 005",
-    "EVD 001 002 003", "RTE 001 002 003 004 005", "MOT 001 002 003 004 005 006", "ACT 001 002 003 004 005 006 007",
+    "EVD 001 002 003", "RTE 001 002 003 004 005", "MOT 001 002 003 004 005 006", "ACT 001 002 003 004 005 006 007 008",
     "TRG 001 002 003", "BOX 002", "RES 001 002 004 005 006", "BNK 002",
     "GRP 001 002 003 004 005 006 007 008 009 010 011", "RSP 001 002 003 004 006 010 015", "RPN 001 002 003 005",
 )  # fmt: skip
@@ -105,7 +105,7 @@ def nobody_decides(d: Draft) -> None:
         d.drop_attempt(rollout_id)
 
 
-@empties("MAP 001 002 003 004 005 006 007 008 009 010", base="map")
+@empties("MAP 001 002 003 004 005 006 007 008 009 010 011 012", base="map")
 def nothing_is_mapped(d: Draft) -> None:
     _without_rows(d)
 

@@ -122,6 +122,8 @@ def _responses_of(view: ShardView, found: Executed) -> Responses:
         first=first,
         moves=np.asarray((np.abs(reference[3, :, _NUM_BEFORE:]) > _MOVING_MPS).all(axis=1)),
         accel_mps2=(rates - known)[0, :, _NUM_BEFORE:],
+        began_mps=state[3, :, _BRANCH],
+        gain_mps=speed - state[3, :, _BRANCH],
         future=_futures(state),
         nominal_future=_futures(reference[:, first_of])[which],
         expert=_while_overridden(expert, command, wanted),

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
+from branchdrive.driving.neighbour import Points, neighbours
+from branchdrive.raw.map_work import within_limits
 from branchdrive.raw.motion.contact import is_covered
 from branchdrive.raw.motion.residual import follows
 from branchdrive.raw.shard_view import ShardView
+from branchdrive.raw.town_map import home_towns, is_usable
 
 
 def _infractions(view: ShardView, kind: str) -> NDArray[np.int64]:
@@ -47,9 +50,32 @@ def _lacks(view: ShardView, kind: str) -> Mask:
     return np.array([town not in towns for town in view.rollouts["town"]], bool)
 
 
+def _misses_signs(view: ShardView, attempts: Mask) -> Mask:
+    """Those of `attempts` whose ego comes near none of the stop signs of its town, all of which are usable.
+
+    Raises:
+        PreconditionError: The maps exceed the limits.
+    """
+    if not attempts.any():
+        return attempts
+    elements, observations, homes = view.map, view.observations, home_towns(view)
+    is_sign, is_known = elements.equals("kind", "stop_sign"), is_usable(view)
+    signs = np.flatnonzero(is_sign & is_known & (homes >= 0))
+    town = view.rollouts.categories("town")[0].astype(np.int64)
+    place = np.flatnonzero(np.append(attempts, False)[observations.rollout])
+    near = np.isin(town, homes[is_sign & ~is_known])
+    x, y = (np.array([vertices[0] for vertices in elements[name][signs]], float) for name in ("x_m", "y_m"))
+    owner = observations.rollout[place]
+    egos = Points(town[owner], observations["x_m"][place], observations["y_m"][place])
+    with within_limits(view) as work:
+        for ego, _ in neighbours(egos, Points(homes[signs], x, y), physical_bounds().sign_m, work):
+            near[owner[ego]] = True
+    return attempts & ~near
+
+
 @rule("BD-RES-004")
 def infractions_agree_with_the_rows(view: ShardView, subjects: Mask) -> Iterator[Check]:
-    """Departures from the road are those of ``on_road``; lights and stop signs that are run are there."""
+    """Departures from the road are those of ``on_road``; lights and stop signs that are run are there, and near."""
     off_road, red, stop = (_infractions(view, kind) for kind in ("off_road", "red_light", "stop_sign"))
     has_map, no_signal, no_sign = "map" in view, _lacks(view, "signal"), _lacks(view, "stop_sign")
     covered, departures, lit = (np.zeros(view.num_rollouts, kind) for kind in (bool, np.int64, bool))
@@ -57,10 +83,11 @@ def infractions_agree_with_the_rows(view: ShardView, subjects: Mask) -> Iterator
         covered, departures = view.cached(is_covered), _departures(view)
         lit = view.stream("evidence").by_rollout(np.logical_or(*_lights(view))).any
     subjects = subjects & (((red >= 0) | (off_road >= 0)) & covered | ((red >= 0) | (stop >= 0)) & has_map)
+    misses = _misses_signs(view, subjects & (stop > 0) & ~no_sign) if has_map else no_sign
     found = {  # attempts at fault, what their rows show, and what they count
         "off_road": ((off_road >= 0) & covered & (off_road != departures), departures, off_road),
         "red_light": ((red > 0) & (no_signal | covered & ~lit), np.zeros_like(red), red),
-        "stop_sign": ((stop > 0) & no_sign, np.zeros_like(stop), stop),
+        "stop_sign": ((stop > 0) & no_sign | misses, np.zeros_like(stop), stop),
     }
 
     def describe(i: int) -> Mismatch:
@@ -69,7 +96,11 @@ def infractions_agree_with_the_rows(view: ShardView, subjects: Mask) -> Iterator
         why = {
             "off_road": "as `on_road` becomes false so often",
             "red_light": "as no signal is red, and none governs up to its line",
-            "stop_sign": "as the map of the town holds none",
+            "stop_sign": (
+                f"as the ego comes within {physical_bounds().sign_m:g} m of none"
+                if misses[i]
+                else "as the map of the town holds none"
+            ),
         }[kind]
         place: Location = {"table": "rollouts", "column": f"result_num_{kind}_infractions"}
         return Mismatch(place, f"{shown[i]}, {why}", f"{counted[i]}")

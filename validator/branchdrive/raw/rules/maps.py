@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.limits import spec_limits
+from branchdrive.contract.limits import physical_bounds, spec_limits
 from branchdrive.contract.mismatch import Check, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.files.survey import Survey
+from branchdrive.raw.lane_ends import lines_elsewhere, meetings
 from branchdrive.raw.rules.responses import prevails
 from branchdrive.raw.shard_view import ShardView
 from branchdrive.raw.town_map import (
@@ -122,6 +123,34 @@ def lanes_run_as_they_are_driven(survey: Survey) -> Iterator[Check]:
             if prevails(against, along + against, MIN_VEHICLES)
         ],
     )
+
+
+@rule("BD-MAP-011")
+def lanes_go_on_in_each_other(view: ShardView) -> Iterator[Check]:
+    """No lane begins where another begins, or ends where another ends, head-on and without one that goes on."""
+    if "map" not in view:
+        return
+    elements, found = view.map, view.cached(meetings)
+
+    def describe(row: int) -> tuple[str, str]:
+        other = quote(elements["element_id"][found.against[row]])
+        return "an end at which another lane goes on in it", f"{other} alone, which is drawn against it"
+
+    bad = np.flatnonzero(found.against >= 0)
+    yield Check.of_rows("map", "x_m", int(found.compared.sum()), bad, describe)
+
+
+@rule("BD-MAP-012")
+def stop_lines_lie_at_their_lanes(view: ShardView) -> Iterator[Check]:
+    """A vertex of a stop line lies near the centre line of a lane that it names."""
+    if "map" not in view:
+        return
+    elements, (named, is_elsewhere) = view.map, view.cached(lines_elsewhere)
+    text = f"a line within {physical_bounds().stop_line_m:g} m of the lane {{}}"
+    yield Check.of_rows(
+        "map", "lane_id", int(named.sum()), np.flatnonzero(is_elsewhere),
+        lambda row: (text.format(quote(elements["lane_id"][row])), "no vertex that is so near"),
+    )  # fmt: skip
 
 
 def _at(marked: Mask, frame: NDArray[np.int64]) -> Mask:

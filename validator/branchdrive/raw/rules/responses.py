@@ -123,6 +123,12 @@ def commands_have_an_effect(survey: Survey) -> Iterator[Check]:
             if _prevails(same, compared, MIN_EQUAL):
                 equal = f"that of {keys[other]}, bit for bit, in {(same & compared).sum()} of {compared.sum()} groups"
                 found.append(Mismatch({"action_key": key}, "a future of its own", equal))
+                continue
+            num_denied, num_told = every.denied(index, other) if (same & compared).any() else (0, 0)
+            if num_denied >= MIN_EQUAL:
+                equal = f"that of {keys[other]}, to the millimetre, in {num_denied} groups in which it gains speed"
+                text = f"{equal}, as it does in none of {num_told} others, slower and faster ones among them"
+                found.append(Mismatch({"action_key": key}, "a future of its own", text))
     yield Check.of(examined, found)
 
 

@@ -14,7 +14,7 @@ from branchdrive.contract.limits import physical_bounds
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
-from branchdrive.contract.timing import TICK_S
+from branchdrive.contract.timing import FUTURE_OFFSETS, HISTORY_OFFSETS, TICK_S
 from branchdrive.driving.risk import RANGE_M
 from branchdrive.raw.motion.contact import is_free, touches
 from branchdrive.raw.motion.tracks import actor_displacements, actor_returns, repeats_nominal, track_frames, tracks
@@ -234,3 +234,28 @@ def actors_come_back_where_they_can(view: ShardView, subjects: Mask) -> Iterator
             f"{back.residual_m[step[row]]:.1f} m away from it",
         ),
     )  # fmt: skip
+
+
+@rule("BD-ACT-008")
+def pedestrians_that_are_braked_for_are_there(view: ShardView, subjects: Mask) -> Iterator[Check]:
+    """A pedestrian has a row at one of the observations of the window at which a slow ego brakes for one."""
+    actors, observations = view.stream("actors"), view.observations
+    offset = observations.tick - np.append(view.branch_tick, 0)[observations.rollout]
+    brakes = observations.valid("pedestrian_hazard") & observations["pedestrian_hazard"].astype(bool)
+    brakes &= (offset >= HISTORY_OFFSETS[0]) & (offset <= FUTURE_OFFSETS[-1])
+    brakes &= np.abs(observations["speed_mps"]) <= physical_bounds().heeding_mps
+    is_there = np.zeros(len(observations) + 1, bool)
+    if brakes.any() and len(actors):
+        is_pedestrian = actors.equals("actor_class", "pedestrian")
+        is_there[observations.rows_of_moments(actors)] = np.logical_or.reduceat(is_pedestrian, actors.moments)
+    summary = observations.by_rollout(brakes)
+
+    def describe(i: int) -> Mismatch:
+        place: Location = {"table": "observations", "column": "pedestrian_hazard"}
+        place["tick"] = int(observations.tick[summary.first_row[i]])
+        return Mismatch(
+            place, "a pedestrian within 50 m, for whom it brakes", "none in any of these rows", int(summary.count[i])
+        )
+
+    subjects = subjects & view.branched & summary.any
+    yield Check.of_subjects(subjects, subjects & ~observations.by_rollout(brakes & is_there[:-1]).any, describe)

@@ -12,6 +12,14 @@ OFF_ROAD, RED, STOP = (f"result_num_{kind}_infractions" for kind in ("off_road",
 # BD-RES-004
 
 
+def _stop_sign(d: Draft, away_m: float) -> None:
+    """Put a stop sign behind the place from which an attempt departs."""
+    start = d.take("observations", rollout_id=BRAKE, tick=0)
+    place = {"x_m": [start["x_m"][0].as_py() - away_m], "y_m": [start["y_m"][0].as_py()]}
+    changes = {"element_id": "sign", "kind": "stop_sign", **place}
+    d.duplicate("map", changes, town=d.value("rollouts", "town", rollout_id=BRAKE), element_id="far-signal")
+
+
 @mutant("BD-RES-004", base="full", at=result_of(OFF_ROAD))
 def departure_that_is_not_counted(d: Draft) -> None:
     d.set("evidence", "on_road", False, rollout_id=BRAKE, tick=[150, 155])
@@ -31,6 +39,18 @@ def red_light_in_green(d: Draft) -> None:
 
 @mutant("BD-RES-004", base="map", at=result_of(STOP))
 def stop_sign_where_the_map_has_none(d: Draft) -> None:
+    d.set("rollouts", STOP, 1, rollout_id=BRAKE)
+
+
+@mutant("BD-RES-004", base="map", at=result_of(STOP))
+def stop_sign_behind_the_start(d: Draft) -> None:
+    _stop_sign(d, 30.01)
+    d.set("rollouts", STOP, 1, rollout_id=BRAKE)
+
+
+@boundary("BD-RES-004")
+def stop_sign_near_the_start(d: Draft) -> None:
+    _stop_sign(d, 29.99)
     d.set("rollouts", STOP, 1, rollout_id=BRAKE)
 
 

@@ -8,10 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from tests.synthetic import BRANCH_TICK
-from tests.validator.engine.rules.case import BRAKE, SHARD_0, SHARD_1, boundary, mutant
+from tests.validator.engine.rules.case import BRAKE, SHARD_1, boundary, mutant
 from tests.validator.engine.rules.draft import Draft
-
-from branchdrive.testing.drive import on_grid
 
 TOWN = "Town13"
 """Driven in one shard alone, so that its map may change there."""
@@ -21,18 +19,14 @@ ROAD = "road1:-1"
 """The lane of every route."""
 
 
-ONCOMING_M = 3.5
-"""How far to the left of their routes vehicles come along them."""
-
-
 SLACK_M = 0.05
 
 
-def _far(kind: str, **more: Any) -> dict[str, Any]:
+def far(kind: str, **more: Any) -> dict[str, Any]:
     return {"table": "map", "town": TOWN, "element_id": f"far-{kind}", **more}
 
 
-def _edit(d: Draft, element_id: str, **columns: Any) -> None:
+def edit(d: Draft, element_id: str, **columns: Any) -> None:
     for column, value in columns.items():
         d.set("map", column, value, town=TOWN, element_id=element_id)
 
@@ -40,65 +34,65 @@ def _edit(d: Draft, element_id: str, **columns: Any) -> None:
 # BD-MAP-001
 
 
-@mutant("BD-MAP-001", at=_far("lane"))
+@mutant("BD-MAP-001", at=far("lane"))
 def fewer_y_than_x(d: Draft) -> None:
-    _edit(d, "far-lane", y_m=[0.0, 0.0])
+    edit(d, "far-lane", y_m=[0.0, 0.0])
 
 
-@mutant("BD-MAP-001", at=_far("lane"))
+@mutant("BD-MAP-001", at=far("lane"))
 def one_width_for_all_vertices(d: Draft) -> None:
-    _edit(d, "far-lane", width_m=[3.5])
+    edit(d, "far-lane", width_m=[3.5])
 
 
-@mutant("BD-MAP-001", at=_far("signal"))
+@mutant("BD-MAP-001", at=far("signal"))
 def heights_of_other_vertices(d: Draft) -> None:
-    _edit(d, "far-signal", z_m=[4.0, 4.0])
+    edit(d, "far-signal", z_m=[4.0, 4.0])
 
 
-@mutant("BD-MAP-001", at=_far("lane"))
+@mutant("BD-MAP-001", at=far("lane"))
 def lane_without_widths(d: Draft) -> None:
-    _edit(d, "far-lane", width_m=None)
+    edit(d, "far-lane", width_m=None)
 
 
-@mutant("BD-MAP-001", at=_far("lane"))
+@mutant("BD-MAP-001", at=far("lane"))
 def lane_without_a_name(d: Draft) -> None:
-    _edit(d, "far-lane", lane_id=None)
+    edit(d, "far-lane", lane_id=None)
 
 
-@mutant("BD-MAP-001", at=_far("shoulder"))
+@mutant("BD-MAP-001", at=far("shoulder"))
 def shoulder_without_widths(d: Draft) -> None:
-    _edit(d, "far-shoulder", width_m=None)
+    edit(d, "far-shoulder", width_m=None)
 
 
-@mutant("BD-MAP-001", at=_far("wall"))
+@mutant("BD-MAP-001", at=far("wall"))
 def wall_of_one_vertex(d: Draft) -> None:
-    _edit(d, "far-wall", x_m=[0.0], y_m=[0.0])
+    edit(d, "far-wall", x_m=[0.0], y_m=[0.0])
 
 
-@mutant("BD-MAP-001", at=_far("wall"))
+@mutant("BD-MAP-001", at=far("wall"))
 def wall_that_stands_still(d: Draft) -> None:
-    _edit(d, "far-wall", x_m=[0.0, 1.0, 1.0], y_m=[0.0, 1.0, 1.0])
+    edit(d, "far-wall", x_m=[0.0, 1.0, 1.0], y_m=[0.0, 1.0, 1.0])
 
 
-@mutant("BD-MAP-001", at=_far("crossing"))
+@mutant("BD-MAP-001", at=far("crossing"))
 def outline_of_two_vertices(d: Draft) -> None:
-    _edit(d, "far-crossing", x_m=[0.0, 1.0], y_m=[0.0, 1.0])
+    edit(d, "far-crossing", x_m=[0.0, 1.0], y_m=[0.0, 1.0])
 
 
-@mutant("BD-MAP-001", at=_far("crossing"))
+@mutant("BD-MAP-001", at=far("crossing"))
 def outline_closed_twice(d: Draft) -> None:
-    _edit(d, "far-crossing", x_m=[0.0, 1.0, 1.0, 0.0], y_m=[0.0, 0.0, 1.0, 0.0])
+    edit(d, "far-crossing", x_m=[0.0, 1.0, 1.0, 0.0], y_m=[0.0, 0.0, 1.0, 0.0])
 
 
-@mutant("BD-MAP-001", at=_far("signal"))
+@mutant("BD-MAP-001", at=far("signal"))
 def signal_drawn_as_a_line(d: Draft) -> None:
-    _edit(d, "far-signal", x_m=[0.0, 1.0], y_m=[0.0, 1.0], z_m=None)
+    edit(d, "far-signal", x_m=[0.0, 1.0], y_m=[0.0, 1.0], z_m=None)
 
 
 @mutant("BD-MAP-001", at={"table": "map", "town": TOWN, "element_id": "lane-1"})
 def lane_under_the_ego_without_widths(d: Draft) -> None:
     """The lane under the ego has no widths, and evidence names it: nothing asks for a lane and a road."""
-    _edit(d, "lane-1", width_m=None)
+    edit(d, "lane-1", width_m=None)
     d.drop("map", town=TOWN, element_id="ground-1")
 
 
@@ -112,14 +106,14 @@ def lane_below_a_bridge_without_widths(d: Draft) -> None:
 
 @boundary("BD-MAP-001")
 def elements_of_the_fewest_vertices(d: Draft) -> None:
-    _edit(d, "far-lane", x_m=[0.0, 0.0], y_m=[5000.0, 5000.1], width_m=[0.01, 100.0], z_m=[0.0, -3.0])
-    _edit(d, "far-crossing", x_m=[0.0, 1.0, 0.0], y_m=[0.0, 0.0, 1.0])
+    edit(d, "far-lane", x_m=[0.0, 0.0], y_m=[5000.0, 5000.1], width_m=[0.01, 100.0], z_m=[0.0, -3.0])
+    edit(d, "far-crossing", x_m=[0.0, 1.0, 0.0], y_m=[0.0, 0.0, 1.0])
 
 
 # BD-MAP-002
 
 
-@mutant("BD-MAP-002", at=_far("wall", column="element_id"))
+@mutant("BD-MAP-002", at=far("wall", column="element_id"))
 def element_written_twice(d: Draft) -> None:
     d.duplicate("map", town=TOWN, element_id="far-wall")
 
@@ -326,41 +320,3 @@ def town_without_signals_and_lights(d: Draft) -> None:
     ids = d.take("rollouts", town=TOWN)["rollout_id"].to_pylist()
     d.set("evidence", "traffic_light_available", False, rollout_id=ids)
     d.set("evidence", "traffic_light", None, rollout_id=ids)
-
-
-# BD-MAP-010: in the town of two groups, three vehicles drive along the wide lanes, and two of them against it.
-
-
-def _reverse_lanes(rows: pa.Table) -> pa.Table:
-    """The map with the lanes of the routes from their last vertex to their first."""
-    elements = rows.to_pylist()
-    for element in elements:
-        if element["lane_id"] == ROAD:
-            for column in ("x_m", "y_m", "width_m"):
-                element[column].reverse()
-    return pa.Table.from_pylist(elements, rows.schema)
-
-
-def _with_oncoming_lanes(rows: pa.Table) -> pa.Table:
-    """The map with lanes for those who come along the routes, so that the wide ones are the ego's alone."""
-    elements = rows.to_pylist()
-    for element in [one for one in elements if one["lane_id"] == ROAD]:
-        x, y = (np.array(element[column]) for column in ("x_m", "y_m"))
-        heading = np.arctan2(np.gradient(y), np.gradient(x))
-        sides = {"x_m": x - ONCOMING_M * np.sin(heading), "y_m": y + ONCOMING_M * np.cos(heading)}
-        lines = {column: on_grid(values[::-1]).tolist() for column, values in sides.items()}
-        name = f"oncoming-{element['element_id']}"
-        elements.append({**element, **lines, "element_id": name, "lane_id": name, "width_m": [3.0] * len(x)})
-    return pa.Table.from_pylist(elements, rows.schema)
-
-
-@mutant("BD-MAP-010", at={"table": "map", "town": "Town12", "lane_id": ROAD})
-def lanes_from_their_end_to_their_begin(d: Draft) -> None:
-    for folder in (SHARD_0, SHARD_1):
-        d.map_table("map", lambda rows: _reverse_lanes(_with_oncoming_lanes(rows)), folder=folder)
-
-
-@boundary("BD-MAP-010")
-def lane_that_most_but_not_nearly_all_drive_against(d: Draft) -> None:
-    for folder in (SHARD_0, SHARD_1):
-        d.map_table("map", _reverse_lanes, folder=folder)

@@ -34,6 +34,7 @@ def groups_without_pedestrians_in_range(d: ReleaseDraft) -> None:
     ids = d.take("rollouts", group_id=["g2", "g5"])["rollout_id"].to_pylist()
     here = [rollout_id for rollout_id in ids if d.folder_of(rollout_id) == folder]
     d.drop("actors", rollout_id=here, actor_class="pedestrian")
+    d.set("observations", "pedestrian_hazard", False, rollout_id=here)
     for rollout_id in here:
         d.refresh_evidence(rollout_id)
     d.rebuild()

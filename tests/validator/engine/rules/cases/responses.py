@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from tests.synthetic import BRANCH_TICK
 from tests.validator.engine.rules.case import boundary, mutant
-from tests.validator.engine.rules.cases.groups_outcomes import exchange_outcomes, give_outcome, like_nominal
+from tests.validator.engine.rules.cases.groups_outcomes import exchange_outcomes, like_nominal
 from tests.validator.engine.rules.draft import Draft
 
 from branchdrive.testing.drive import angle_on_grid, on_grid, route_columns
@@ -60,39 +60,6 @@ def outcomes_of_steering_exchanged_in_two_of_three_groups(d: Draft) -> None:
 @mutant("BD-RSP-001", base="bare", at={"column": "applied_throttle"})
 def outcomes_of_hard_braking_exchanged_in_all_groups(d: Draft) -> None:
     _exchange_everywhere(d, "brake_0.50", "brake_1.00", "g0", "g1", "g2")
-
-
-# BD-RSP-002
-
-
-@mutant("BD-RSP-002", base="bare", at={"action_key": "brake_1.00"})
-def command_that_does_nothing(d: Draft) -> None:
-    like_nominal(d, lambda row: row["action_key"] == "brake_1.00")
-
-
-@mutant(
-    "BD-RSP-002", base="bare", at={"action_key": "accelerate_0.30"}, findings=11
-)  # one steers like the nominal in a curve
-def commands_are_ignored(d: Draft) -> None:
-    """All but one: in a curve, the nominal steers like `steer_right_0.05`."""
-    like_nominal(d, lambda row: True)
-
-
-@boundary("BD-RSP-002", "BD-GRP-009", base="bare")
-def throttle_that_does_nothing_in_two_of_three_groups(d: Draft) -> None:
-    """The first third of a pedal may be dead."""
-    like_nominal(d, lambda row: row["action_key"] == "accelerate_0.30" and row["group_id"] != "g0")
-
-
-@mutant("BD-RSP-002", base="bare", at={"action_key": "accelerate_0.80"})
-def two_actions_with_one_future(d: Draft) -> None:
-    give_outcome(d, "accelerate_0.50", "accelerate_0.80", "g0", "g1", "g2")
-
-
-@boundary("BD-RSP-002", "BD-GRP-009", base="bare")
-def two_actions_with_one_future_in_two_of_three_groups(d: Draft) -> None:
-    """Two throttles of a vehicle at its top speed."""
-    give_outcome(d, "accelerate_0.50", "accelerate_0.80", "g0", "g1")
 
 
 # BD-RSP-003, BD-RSP-004

@@ -98,6 +98,7 @@ def actor_counted_in_an_empty_frame(d: Draft) -> None:
 @boundary("BD-WIN-005", "BD-EVD-001", "BD-EVD-002", "BD-EVD-003")
 def nobody_ever_near(d: Draft) -> None:
     d.drop("actors", rollout_id=BRAKE)
+    d.set("observations", "pedestrian_hazard", False, rollout_id=BRAKE)
     d.set("evidence", "num_actors", 0, rollout_id=BRAKE)
     for name, columns in (
         ("separation", ("separation_m", "separation_actor_id")),

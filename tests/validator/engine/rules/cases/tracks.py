@@ -181,3 +181,28 @@ def actor_velocity_at_the_bound(d: Draft) -> None:
 @mutant("BD-ACT-001", at={"rollout_id": ACCELERATE, "actor_id": 7}, findings=2)
 def actor_that_grows_in_two_attempts(d: Draft) -> None:
     d.set("actors", "height_m", lambda v: v + 1, rollout_id=[BRAKE, ACCELERATE], actor_id=7, tick=BRANCH_TICK)
+
+
+# BD-ACT-008: in the second group, a pedestrian is there from tick 130 to tick 190.
+
+ALONE = "g1.brake_0.50.a1"
+
+
+def _brake_for_pedestrians(d: Draft, rollout_id: str, *ticks: int) -> None:
+    d.set("observations", "pedestrian_hazard", False, rollout_id=rollout_id)
+    d.set("observations", "pedestrian_hazard", True, rollout_id=rollout_id, tick=ticks)
+
+
+@mutant("BD-ACT-008", at={**observed_at("pedestrian_hazard", 100), "rollout_id": ALONE}, lost=0)
+def brakes_for_a_pedestrian_where_none_is(d: Draft) -> None:
+    _brake_for_pedestrians(d, ALONE, 100, 105, 125)
+
+
+@boundary("BD-ACT-008")
+def brakes_for_a_pedestrian_before_one_is_there(d: Draft) -> None:
+    _brake_for_pedestrians(d, ALONE, 125, 130)
+
+
+@boundary("BD-ACT-008")
+def brakes_for_a_pedestrian_before_the_window(d: Draft) -> None:
+    _brake_for_pedestrians(d, ALONE, BRANCH_TICK - 80)
