@@ -34,12 +34,15 @@ def pedestrians_that_are_a_little_slower_than_they_walk(d: Draft) -> None:
     seen_again(d, lambda: _walking(d, 0.96))
 
 
+AWAY_M = 300.0
+"""How far cyclists of these cases are moved along x and y, so that no evidence names one."""
+
 SWING_MPS, SWING_RADPS = 1.5, 0.8
 """By how much, and how fast, the speed of cyclists swings in these cases."""
 
 
 def _swinging(d: Draft, late_s: float) -> None:
-    """Cyclists who ride faster and slower in turn, with velocities of a time that has passed."""
+    """Cyclists too far away to matter who ride faster and slower in turn, with velocities of a time that has passed."""
     for place, velocity in (("x_m", "vel_x_mps"), ("y_m", "vel_y_mps")):
         rows = d.take("actors", actor_class="cycle")
         x, v = (rows[name].to_numpy() for name in (place, velocity))
@@ -47,7 +50,7 @@ def _swinging(d: Draft, late_s: float) -> None:
         time_s = rows["tick"].to_numpy() * TICK_S
         ahead_m = SWING_MPS / SWING_RADPS * np.sin(SWING_RADPS * time_s)
         swing_mps = SWING_MPS * np.cos(SWING_RADPS * (time_s - late_s))
-        swung = {place: x + ahead_m * v / speed, velocity: v + swing_mps * v / speed}
+        swung = {place: x + AWAY_M + ahead_m * v / speed, velocity: v + swing_mps * v / speed}
         d.fill("actors", swung, actor_class="cycle")
 
 
