@@ -27,7 +27,7 @@ def run(args, stdout, stderr):
 WORKFLOW = (
     "init", "collect", "staging", "merge", "render", "inspect", "study", "report", "draw", "show", "rerun", "validate",
     "pilot", "diff", "columns", "rules", "build", "pack", "upload", "metadata", "benchmark", "train", "lock", "predict",
-    "evaluate", "export", "drive", "latency", "completion",
+    "evaluate", "export", "drive", "latency", "curve", "completion",
 )  # fmt: skip
 ENTRIES = """[branchdrive.commands]
 wheels = third_party_wheels

@@ -79,11 +79,12 @@ def _actor_columns(scene: InventedScene, ticks: Array, moved_m: float) -> dict[s
     return {name: values[order] for name, values in joined.items()}
 
 
-def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array) -> dict[str, Any]:
+def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array, pedestrian_ticks: Array) -> dict[str, Any]:
     x, y, yaw, speed = (values[ticks, i] for values in (driven.x_m, driven.y_m, driven.yaw_rad, driven.speed_mps))
     past = np.maximum(ticks - 1, 0)
     yaw_step = (yaw - driven.yaw_rad[past, i] + np.pi) % (2 * np.pi) - np.pi
     gained = speed - driven.speed_mps[past, i]
+    heeds = np.logical_or.accumulate((ticks >= TRIGGER_TICK + 30) & np.isin(ticks, pedestrian_ticks))
     state = {
         "x_m": x, "y_m": y, "speed_mps": speed,
         "accel_longitudinal_mps2": gained / TICK_S, "accel_lateral_mps2": speed * yaw_step / TICK_S,
@@ -96,7 +97,7 @@ def _observation_columns(route: Route, driven: Drive, i: int, ticks: Array) -> d
         "speed_limit_mps": np.full(len(ticks), 13.5), **on_route,
         "command": np.where(ticks < TRIGGER_TICK, "follow", "left" if np.isfinite(route.radius_m) else "straight"),
         "target_speed_mps": np.where(ticks < TRIGGER_TICK, 8.0, 4.0),
-        "vehicle_hazard": ticks >= TRIGGER_TICK, "pedestrian_hazard": ticks >= TRIGGER_TICK + 30,
+        "vehicle_hazard": ticks >= TRIGGER_TICK, "pedestrian_hazard": heeds,
         "traffic_light_hazard": np.zeros(len(ticks), bool),
     }  # fmt: skip
     return {
@@ -251,7 +252,8 @@ def make_group(
     streams: dict[str, list[dict[str, Any]]] = {name: [] for name in TICK_TABLES}
     for i in range(len(planned)):
         actors = _actor_columns(scene, ticks, scene.moved_m.get(i, 0.0))
-        observations = _observation_columns(scene.route, driven, i, ticks)
+        pedestrian_ticks = np.asarray(actors["tick"])[np.asarray(actors["actor_class"]) == "pedestrian"]
+        observations = _observation_columns(scene.route, driven, i, ticks, pedestrian_ticks)
         streams["controls"].append(_control_columns(driven, i, num_ticks))
         streams["observations"].append(observations)
         streams["actors"].append(actors)
