@@ -50,6 +50,7 @@ BASES: dict[str, tuple[str, str | None, str]] = {
         "groups without actors, one of them on a route that bends",
     ),
     "raw-early": ("BD-TIC-003/earliest_branch", "raw", "three groups, one with the earliest branch there is"),
+    "raw-four": ("BD-RSP-002/group_on_another_road", "raw-bare", "four groups without actors"),
     "raw-place": ("BD-RSP-015/group_in_another_place", "raw", "three groups, one that repeats another elsewhere"),
     "release": ("release", None, "a release in place: raw layer with media, all derived layers, an audit of leakage"),
     "release-raw": ("detached", "release", "the raw dataset beside a detached release"),
@@ -66,6 +67,11 @@ BASES: dict[str, tuple[str, str | None, str]] = {
         "a release of another split",
     ),
     "release-near": ("BD-SPL-007/near_duplicate_let_through", "release", "a release with a near duplicate"),
+    "release-coded": (
+        "BD-LKG-017/target_speed_that_names_another_action_in_six_groups",
+        "release-detached",
+        "a release of sixty groups without its raw layer",
+    ),
     "release-benchmark": ("benchmark", "release", "a release in place with a benchmark"),
     "release-baselines": (
         "BD-BMK-012/results_with_baselines",

@@ -18,7 +18,7 @@ from branchdrive_conformance.case import Case, cases_dir, load_cases
 from branchdrive_conformance.score import Answer, score
 
 MAX_CASE_BYTES = 20_000
-MAX_BYTES = 6_500_000
+MAX_BYTES = 6_200_000
 """Of all cases with their base datasets."""
 
 ROOT = Path(__file__).resolve().parents[2]

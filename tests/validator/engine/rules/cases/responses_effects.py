@@ -51,6 +51,11 @@ def _add_group(d: Draft, speed_mps: float = 6.0) -> None:
         d.append(table, tables[table], folder=SHARD_1)
 
 
+@boundary("BD-RSP-002", base="bare")
+def group_on_another_road(d: Draft) -> None:
+    _add_group(d)
+
+
 @mutant("BD-RSP-002", base="bare", at={"action_key": "accelerate_0.80"})
 def outcome_of_more_throttle_in_three_of_four_groups(d: Draft) -> None:
     _add_group(d)
