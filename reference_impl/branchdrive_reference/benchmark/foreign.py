@@ -26,7 +26,7 @@ from branchdrive.benchmark.prediction.check import mismatch_text, prediction_mis
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.prediction.rows import TABLES
+from branchdrive.benchmark.prediction.rows import TABLES, PredictionRows
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.protocol.selection import MEAN
 from branchdrive.contract.limits import spec_limits
@@ -58,13 +58,13 @@ def read_predictions(path: Path, name: str, data: BenchmarkData, protocol: Bench
         raise UsageError(f"--name: {name!r} is a model of the protocol; choose another name")
     try:
         table = decode_table(read_named_file(path, spec_limits().max_table_bytes))
-        frames = _frames(table, name)
+        rows = PredictionRows({of: [frame] for of, frame in _frames(table, name).items()}, data)
     except (DatasetError, DecodeError) as error:
         raise DatasetError(f"{path}: {error}") from error
-    for wrong in prediction_mismatches(frames, data, protocol):
+    for wrong in prediction_mismatches(rows, protocol):
         if wrong.location.get("model", name) == name:  # no other model has rows here
             raise DatasetError(f"{path}: {mismatch_text(wrong)}")
-    return PredictionSet.from_frames(frames, data)
+    return PredictionSet.of_rows(rows)
 
 
 def mean_predictions(data: BenchmarkData, protocol: BenchmarkProtocol) -> PredictionSet:

@@ -15,7 +15,7 @@ from branchdrive.benchmark.prediction.check import mismatch_text, prediction_mis
 from branchdrive.benchmark.prediction.data import ENDINGS, BenchmarkData
 from branchdrive.benchmark.prediction.data import TABLES as DATA_TABLES
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.prediction.rows import TABLES
+from branchdrive.benchmark.prediction.rows import TABLES, PredictionRows
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol
 from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.contract.document import parse_json, schema_mismatches
@@ -210,7 +210,7 @@ def published_predictions(release: Release, protocol: BenchmarkProtocol, data: B
             f"{release}: has no predictions; `branchdrive benchmark` makes them, or `branchdrive train`, `lock` "
             "and `predict`, and `--predictions FILE --name NAME` evaluates those of your own model"
         )
-    frames = {name: from_arrow(read_layer_table(release.layer.folder, name), name) for name in TABLES}
-    for wrong in prediction_mismatches(frames, data, protocol):
+    rows = PredictionRows({name: layer_frames(release.layer.folder, name) for name in TABLES}, data)
+    for wrong in prediction_mismatches(rows, protocol):
         raise DatasetError(f"{release}: {mismatch_text(wrong)}; run `branchdrive predict` again")
-    return PredictionSet.from_frames(frames, data)
+    return PredictionSet.of_rows(rows)

@@ -14,6 +14,7 @@ from branchdrive.benchmark.guard.risk import FEATURES, MultiplierGrid, RiskFit
 from branchdrive.benchmark.prediction.data import BenchmarkData
 from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
+from branchdrive.benchmark.prediction.rows import PredictionRows
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, default_protocol
 from branchdrive.benchmark.ranking.context import Contexts
 from branchdrive.benchmark.ranking.noise import OutcomeNoise, RepeatLosses
@@ -129,6 +130,11 @@ def in_one_frame(tables: Mapping[str, Frame]) -> dict[str, list[Frame]]:
 @cache
 def data() -> BenchmarkData:
     return BenchmarkData.of(in_one_frame(frames()), BANK)
+
+
+def rows_of(tables: Mapping[str, Frame], of: BenchmarkData | None = None) -> PredictionRows:
+    """Rows of tables of predictions of one file each, of these data by default."""
+    return PredictionRows(in_one_frame(tables), of or data())
 
 
 @cache

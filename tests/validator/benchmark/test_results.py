@@ -15,6 +15,7 @@ from tests.validator.benchmark.samples import (
     noise,
     prediction_set,
     risk_fit,
+    rows_of,
     small_protocol,
 )
 
@@ -65,7 +66,7 @@ def test_order_of_rows_decides_nothing() -> None:
         name: take(frame, rng.permutation(len(frame["model"])))
         for name, frame in prediction_set().to_frames(data()).items()
     }
-    predictions = PredictionSet.from_frames(tables, mixed)
+    predictions = PredictionSet.of_rows(rows_of(tables, mixed))
     again = results_document(small_protocol(), mixed, predictions, risk_fit(), noise(), warnings=[WARNING])
     assert again == results()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +12,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_numpy
-from tests.validator.benchmark.samples import small_protocol
+from tests.validator.benchmark.samples import rows_of, small_protocol
 from tests.validator.benchmark.tiny import CANDIDATES, SIZES, data
 
 from branchdrive.benchmark.prediction.check import prediction_mismatches
 from branchdrive.benchmark.prediction.metric.outcome import MAX_MAGNITUDE, Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
-from branchdrive.benchmark.prediction.rows import TABLES
+from branchdrive.benchmark.prediction.rows import TABLES, PredictionRows
 from branchdrive.contract.columns import LAYER_TABLES
 from branchdrive.contract.layer import table_path
 from branchdrive.contract.mismatch import Mismatch
@@ -24,7 +26,7 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import read_table
 from branchdrive.tables.arrow import from_arrow, to_arrow
-from branchdrive.tables.frame import sort_rows, take
+from branchdrive.tables.frame import Frame, sort_rows, take
 
 Frames = dict[str, dict[str, Any]]
 
@@ -54,7 +56,7 @@ def size_of(table: str) -> int:
 
 
 def mismatches(broken: Frames) -> list[Mismatch]:
-    return list(prediction_mismatches(broken, data(), small_protocol()))
+    return list(prediction_mismatches(rows_of(broken, data()), small_protocol()))
 
 
 def place_of(table: str, row: int) -> dict[str, Any]:
@@ -100,9 +102,18 @@ def test_predictions_come_back_from_tables_bit_for_bit(predictions: PredictionSe
         order = list(range(len(frame["model"])))
         rng.shuffle(order)
         tables[name] = dict(take(frame, np.array(order, np.int64)))
-    found = PredictionSet.from_frames(tables, data())
+    found = PredictionSet.of_rows(rows_of(tables, data()))
     assert bits(found) == bits(predictions)
     assert found.digest(data()) == predictions.digest(data())
+    files = {name: list(cut(frame, rng)) for name, frame in tables.items()}
+    assert bits(PredictionSet.of_rows(PredictionRows(files, data()))) == bits(predictions)
+
+
+def cut(frame: Frame, rng: Any) -> Iterator[Frame]:
+    """Rows of a table in files of any number of rows, none too."""
+    ends = sorted(rng.randint(0, len(frame["model"])) for _ in range(3))
+    for start, stop in pairwise([0, *ends, len(frame["model"])]):
+        yield take(frame, slice(start, stop))
 
 
 @given(prediction_sets())
@@ -113,7 +124,7 @@ def test_predictions_come_back_from_files_bit_for_bit(tmp_path_factory: Any, pre
         rows = sort_rows(frame, LAYER_TABLES[name].key, {"action_key": CANDIDATES})
         (root / table_path(name)).write_bytes(encode_table(to_arrow(name, rows)))
     read = {name: from_arrow(read_table(Folder(root), table_path(name), name), name) for name in TABLES}
-    assert bits(PredictionSet.from_frames(read, data())) == bits(predictions)
+    assert bits(PredictionSet.of_rows(rows_of(read, data()))) == bits(predictions)
 
 
 @st.composite

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.validator.benchmark.samples import data, group_ids, prediction_set, small_protocol
+from tests.validator.benchmark.samples import data, group_ids, prediction_set, rows_of, small_protocol
 
 from branchdrive.benchmark.prediction.check import prediction_mismatches
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
@@ -23,7 +23,7 @@ def frames() -> dict[str, dict[str, Any]]:
 def texts(found: dict[str, dict[str, Any]], *, held: bool = True) -> list[tuple[str, str]]:
     """What is found in which table."""
     protocol = small_protocol() if held else None
-    return [(str(m.location["table"]), m.found) for m in prediction_mismatches(found, data(), protocol)]
+    return [(str(m.location["table"]), m.found) for m in prediction_mismatches(rows_of(found), protocol)]
 
 
 def without(frame: dict[str, Any], rows: Any) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def test_predictions_come_back_from_their_tables_whatever_the_order_of_rows() ->
     shuffled = {
         name: take(frame, np.random.default_rng(4).permutation(len(frame["model"]))) for name, frame in frames().items()
     }
-    found = PredictionSet.from_frames(shuffled, data())
+    found = PredictionSet.of_rows(rows_of(shuffled))
     assert found.models == ("M0", "M1", "M2", "M3")
     assert found.seeds("M3") == (11, 23, 37)
     for partition in ("val", "calibration", "test"):
@@ -66,7 +66,7 @@ def test_rows_of_some_groups_are_those_of_all_that_are_theirs() -> None:
 def test_digest_changes_with_any_number() -> None:
     changed = frames()
     changed["predicted_trajectories"]["speed_mps"][77] += 1e-12
-    assert PredictionSet.from_frames(changed, data()).digest(data()) != prediction_set().digest(data())
+    assert PredictionSet.of_rows(rows_of(changed)).digest(data()) != prediction_set().digest(data())
 
 
 def row(model: str = "M3", seed: int = 23, group: str = "test-004", action: str = "brake_0.50") -> int:
@@ -83,7 +83,7 @@ def row(model: str = "M3", seed: int = 23, group: str = "test-004", action: str 
 def test_missing_candidate_is_found() -> None:
     broken = frames()
     broken["predictions"] = without(broken["predictions"], [row()])
-    (mismatch,) = prediction_mismatches(broken, data(), small_protocol())
+    (mismatch,) = prediction_mismatches(rows_of(broken), small_protocol())
     assert mismatch.found == "no row"
     assert mismatch.location == {
         "table": "predictions",
@@ -93,13 +93,13 @@ def test_missing_candidate_is_found() -> None:
         "action_key": "brake_0.50",
     }
     with pytest.raises(DatasetError, match=r"'brake_0\.50': expected one row of this candidate, found no row"):
-        PredictionSet.from_frames(broken, data())
+        PredictionSet.of_rows(rows_of(broken))
 
 
 def test_missing_step_is_found() -> None:
     broken = frames()
     broken["predicted_trajectories"] = without(broken["predicted_trajectories"], [10 * row() + 3])
-    (mismatch,) = prediction_mismatches(broken, data(), small_protocol())
+    (mismatch,) = prediction_mismatches(rows_of(broken), small_protocol())
     assert (mismatch.found, mismatch.location["step"]) == ("no row", 4)
 
 
@@ -115,7 +115,7 @@ def test_value_that_is_no_number_is_found(value: float) -> None:
     broken["predictions"]["min_separation_m"][row()] = value
     assert texts(broken) == [("predictions", str(value))]
     with pytest.raises(DatasetError, match="a finite `min_separation_m`"):
-        PredictionSet.from_frames(broken, data())
+        PredictionSet.of_rows(rows_of(broken))
 
 
 def test_group_and_candidate_of_another_release_are_found() -> None:
@@ -141,7 +141,7 @@ def test_incomplete_seeds_are_found() -> None:
     broken = {
         name: take(frame, ~((frame["model"] == "M2") & (frame["seed"] == 37))) for name, frame in frames().items()
     }
-    (mismatch,) = prediction_mismatches(broken, data(), small_protocol())
+    (mismatch,) = prediction_mismatches(rows_of(broken), small_protocol())
     assert mismatch.location == {"table": "predictions", "model": "M2"}
     assert (mismatch.expected, mismatch.found) == ("seeds [11, 23, 37]", "seeds [11, 23]")
 
@@ -150,14 +150,14 @@ def test_declared_model_must_predict_every_partition_and_another_the_reported_on
     whole = frames()
     is_test = {name: np.char.startswith(frame["group_id"].astype(str), "test") for name, frame in whole.items()}
     cut = {name: take(frame, is_test[name] | (frame["model"] != "M1")) for name, frame in whole.items()}
-    places = {str(m.location["group_id"]).split("-")[0] for m in prediction_mismatches(cut, data(), small_protocol())}
+    places = {str(m.location["group_id"]).split("-")[0] for m in prediction_mismatches(rows_of(cut), small_protocol())}
     assert places == {"val", "calibration"}
     foreign = {}
     for name, frame in whole.items():
         own = take(frame, is_test[name] & (frame["model"] == "M1") & (frame["seed"] == 11))
         foreign[name] = concat([frame, own | {"model": np.full(len(own["model"]), "theirs", object)}])
     assert texts(foreign) == []
-    found = PredictionSet.from_frames(foreign, data())
+    found = PredictionSet.of_rows(rows_of(foreign))
     assert found.covers("theirs", "test")
     assert not found.covers("theirs", "val")
     assert not found.covers("nobody", "test")
@@ -169,7 +169,7 @@ def test_more_models_than_anybody_judges_are_refused() -> None:
     ((table, found),) = texts(many)
     assert (table, found.endswith(" pairs")) == ("predictions", True)
     with pytest.raises(DatasetError, match="at most 256 pairs"):
-        PredictionSet.from_frames(many, data())
+        PredictionSet.of_rows(rows_of(many))
 
 
 def test_names_of_joined_models_differ() -> None:
@@ -182,6 +182,6 @@ def test_more_models_than_the_draws_of_a_protocol_leave_room_for_are_refused() -
     drawn = protocol.model_copy(update={"statistics": protocol.statistics.model_copy(update={"resamples": 5000})})
     many = frames()
     many["predictions"]["seed"] = np.arange(len(many["predictions"]["seed"])) % 50
-    (mismatch,) = prediction_mismatches(many, data(), drawn)
+    (mismatch,) = prediction_mismatches(rows_of(many), drawn)
     assert mismatch.location == {"table": "predictions"}
     assert mismatch.found.endswith("resamples together; the limit is 524288")

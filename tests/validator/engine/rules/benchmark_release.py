@@ -22,6 +22,7 @@ from branchdrive.benchmark.prediction.inputs import utility_scale
 from branchdrive.benchmark.prediction.metric.outcome import Predictions
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES as PREDICTED
+from branchdrive.benchmark.prediction.rows import PredictionRows
 from branchdrive.benchmark.protocol.protocol import BenchmarkProtocol, read_protocol
 from branchdrive.benchmark.ranking.context import Contexts, contexts_of
 from branchdrive.benchmark.ranking.noise import noise_of
@@ -86,7 +87,7 @@ class BenchmarkDraft(ReleaseDraft):
 
     @property
     def predictions(self) -> PredictionSet:
-        return PredictionSet.from_frames({name: self.frame(name) for name in PREDICTED}, self.data)
+        return PredictionSet.of_rows(PredictionRows({name: [self.frame(name)] for name in PREDICTED}, self.data))
 
     def follow(self, start: str, *, keep: Collection[str] = ()) -> None:
         """Compute again what follows, from the step `start` on, but for the steps in `keep`."""

@@ -5,16 +5,14 @@ Source: paper, "Training and Test Locking"; spec/14-benchmark.md#predictions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from branchdrive.benchmark.prediction.data import BenchmarkData
-from branchdrive.benchmark.prediction.metric.outcome import MAX_MAGNITUDE
-from branchdrive.benchmark.prediction.rows import COLUMNS, TABLES, Owner, PredictionRows
+from branchdrive.benchmark.prediction.rows import STEPS, TABLES, Owner, PredictionRows
 from branchdrive.benchmark.protocol.protocol import MAX_OWNERS, BenchmarkProtocol
 from branchdrive.contract.mismatch import Location, Mismatch
-from branchdrive.tables.frame import Frame
 
 __all__ = ["mismatch_text", "prediction_mismatches"]
 
@@ -27,9 +25,7 @@ def mismatch_text(mismatch: Mismatch) -> str:
     return f"{places}expected {mismatch.expected}, found {mismatch.found}"
 
 
-def prediction_mismatches(
-    frames: Mapping[str, Frame], data: BenchmarkData, protocol: BenchmarkProtocol | None = None
-) -> Iterator[Mismatch]:
+def prediction_mismatches(rows: PredictionRows, protocol: BenchmarkProtocol | None = None) -> Iterator[Mismatch]:
     """What is wrong with the tables `TABLES`; at most one mismatch of a kind for each model, seed and table.
 
     The location of a mismatch has its table and the key of its row: what is not a number has its column too, seeds of a
@@ -39,35 +35,31 @@ def prediction_mismatches(
     partition but the one they are fitted on, and any other model predicts the one that is reported.
 
     Args:
-        frames: Rows of both tables, whose columns are those declared.
-        data: The model layer.
+        rows: Rows of both tables, of which none was taken out.
         protocol: What the models are held to; only completeness by default.
     """
-    places = {name: PredictionRows(frames[name], data) for name in TABLES}
-    owners = {name: set(places[name].owners) for name in TABLES}
-    for name in TABLES:
-        if len(owners[name]) > MAX_OWNERS:
+    for table, owners in rows.owners.items():
+        if len(owners) > MAX_OWNERS:
             expected = f"at most {MAX_OWNERS} pairs of a model and a seed"
-            yield Mismatch({"table": name}, expected, f"{len(owners[name])} pairs")
+            yield Mismatch({"table": table}, expected, f"{len(owners)} pairs")
             return
-        models = {model for model, _ in owners[name]}
-        problem = None if protocol is None else protocol.draws_problem(len(models), len(owners[name]))
+        models = {model for model, _ in owners}
+        problem = None if protocol is None else protocol.draws_problem(len(models), len(owners))
         if problem is not None:
             expected = "no more models and seeds than the protocol's draws leave room for"
-            yield Mismatch({"table": name}, expected, problem)
+            yield Mismatch({"table": table}, expected, problem)
             return
-    for owner in sorted(owners["predictions"] | owners["predicted_trajectories"]):
-        partitions = {part for name in TABLES for part in places[name].partitions(owner)}
-        partitions |= _wanted(owner, data, protocol)
-        for name in TABLES:
-            yield from _row_mismatches(places[name], owner)
+    for owner in sorted(set[Owner]().union(*rows.owners.values())):
+        partitions = rows.partitions(owner) | _wanted(owner, rows.data, protocol)
+        for table in TABLES:
+            yield from rows.wrong[table].get(owner, {}).values()
             for partition in sorted(partitions):
                 if protocol is not None and partition == protocol.partitions.fit:
-                    yield from _fitted_on(places[name], owner, partition)
+                    yield from _fitted_on(rows, table, owner, partition)
                 else:
-                    yield from _incomplete(places[name], owner, partition)
+                    yield from _incomplete(rows, table, owner, partition)
     if protocol is not None:
-        yield from _seed_mismatches(owners["predictions"], protocol)
+        yield from _seed_mismatches(rows.owners["predictions"], protocol)
 
 
 def _wanted(owner: Owner, data: BenchmarkData, protocol: BenchmarkProtocol | None) -> set[str]:
@@ -85,45 +77,23 @@ def _seed_mismatches(owners: set[Owner], protocol: BenchmarkProtocol) -> Iterato
             yield Mismatch(at, f"seeds {sorted(model.seeds)}", f"seeds {sorted(seeds)}")
 
 
-def _row_mismatches(table: PredictionRows, owner: Owner) -> Iterator[Mismatch]:
-    """Rows of no group, of no candidate or step, and without a number; the first of each kind."""
-    rows = table.of(owner)
-    for row in rows[table.part[rows] < 0][:1].tolist():
-        yield Mismatch(_place(table, owner, row), "a group of the model layer", "none of its groups")
-    for row in rows[~table.is_known[rows]][:1].tolist():
-        yield Mismatch(_place(table, owner, row), "a candidate and step of the bank", "neither")
-    for column in COLUMNS[table.name]:
-        values = np.ma.filled(np.ma.asarray(table.frame[column], np.float64), np.nan)[rows]
-        for row in rows[~(np.abs(values) <= MAX_MAGNITUDE)][:1].tolist():
-            at, found = _place(table, owner, row), str(table.frame[column][row])
-            yield Mismatch({**at, "column": column}, f"a finite `{column}`", found)
-
-
-def _fitted_on(table: PredictionRows, owner: Owner, partition: str) -> Iterator[Mismatch]:
+def _fitted_on(rows: PredictionRows, table: str, owner: Owner, partition: str) -> Iterator[Mismatch]:
     """The first row of a partition that is not predicted."""
-    for row in table.of(owner, partition)[:1].tolist():
-        yield Mismatch(_place(table, owner, row), f"a group outside of {partition!r}", f"one of {partition!r}")
+    first = rows.first[table].get(owner, {})
+    if partition in first:
+        yield Mismatch(first[partition], f"a group outside of {partition!r}", f"one of {partition!r}")
 
 
-def _incomplete(table: PredictionRows, owner: Owner, partition: str) -> Iterator[Mismatch]:
+def _incomplete(rows: PredictionRows, table: str, owner: Owner, partition: str) -> Iterator[Mismatch]:
     """The first place of a partition without a row, and the first with several."""
-    groups, keys = table.data.part(partition).groups, table.data.candidates
-    counts = np.bincount(table.flat(owner, partition)[1], minlength=len(groups) * len(keys) * table.num_steps)
+    groups, keys, num_steps = rows.data.part(partition).groups, rows.data.candidates, STEPS[table]
+    counts = rows.counts(table, owner, partition)
     for wrong, count in ((counts == 0, "no row"), (counts > 1, "several rows")):
         for place in np.flatnonzero(wrong)[:1].tolist():
-            bank, step = divmod(place, table.num_steps)
+            bank, step = divmod(place, num_steps)
             group, key = divmod(bank, len(keys))
-            at: Location = {"table": table.name, "model": owner[0], "seed": owner[1], "group_id": groups[group]}
+            at: Location = {"table": table, "model": owner[0], "seed": owner[1], "group_id": groups[group]}
             at["action_key"] = keys[key]
-            if table.num_steps > 1:
+            if num_steps > 1:
                 at["step"] = step + 1
             yield Mismatch(at, "one row of this candidate", count)
-
-
-def _place(table: PredictionRows, owner: Owner, row: int) -> Location:
-    """Table and key of a row."""
-    place: Location = {"table": table.name, "model": owner[0], "seed": owner[1]}
-    place |= {name: str(table.frame[name][row]) for name in ("group_id", "action_key")}
-    if "step" in table.frame:
-        place["step"] = int(table.frame["step"][row])
-    return place

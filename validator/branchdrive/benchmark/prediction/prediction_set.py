@@ -88,20 +88,19 @@ class PredictionSet:
         return found.hexdigest()
 
     @classmethod
-    def from_frames(cls, frames: Mapping[str, Frame], data: BenchmarkData) -> PredictionSet:
-        """Predictions of the tables `TABLES`.
+    def of_rows(cls, rows: PredictionRows) -> PredictionSet:
+        """Predictions of the tables `TABLES`, which are taken out of `rows`.
 
         Raises:
             DatasetError: A bank is not complete, a row is of no group or candidate, or a value is not a number.
         """
-        for wrong in prediction_mismatches(frames, data):
+        for wrong in prediction_mismatches(rows):
             raise DatasetError(mismatch_text(wrong))
-        places = {name: PredictionRows(frames[name], data) for name in TABLES}
         by_model: dict[str, dict[int, dict[str, Predictions]]] = {}
-        for owner in places["predictions"].owners:
-            for partition in places["predictions"].partitions(owner):
-                packed = [places[name].packed(owner, partition) for name in TABLES]
-                predicted = Predictions.of(packed[0][:, :, 0], packed[1])
+        for owner in sorted(rows.owners["predictions"]):
+            for partition in sorted(rows.partitions(owner)):
+                scalars, paths = (rows.take(table, owner, partition) for table in TABLES)
+                predicted = Predictions.of(scalars[:, :, 0], paths)
                 by_model.setdefault(owner[0], {}).setdefault(owner[1], {})[partition] = predicted
         return cls(by_model)
 

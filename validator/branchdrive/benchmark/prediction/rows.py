@@ -6,17 +6,20 @@ Source: spec/14-benchmark.md#predictions.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from itertools import repeat
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.benchmark.prediction.data import BenchmarkData
+from branchdrive.benchmark.prediction.metric.outcome import MAX_MAGNITUDE
+from branchdrive.benchmark.protocol.protocol import MAX_OWNERS
+from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
 from branchdrive.tables.frame import Frame, Values
 
-__all__ = ["COLUMNS", "TABLES", "Owner", "PredictionRows", "prediction_frame"]
+__all__ = ["COLUMNS", "STEPS", "TABLES", "Owner", "PredictionRows", "prediction_frame"]
 
 TABLES = ("predictions", "predicted_trajectories")
 """Tables that hold predictions."""
@@ -29,71 +32,99 @@ Index = NDArray[np.int64]
 Owner = tuple[str, int]
 """A model and a seed."""
 
-_STEPS = {"predictions": 1, "predicted_trajectories": FUTURE_OBSERVATIONS}
+STEPS = {"predictions": 1, "predicted_trajectories": FUTURE_OBSERVATIONS}
+"""Rows of a candidate, by table."""
 
 
 class PredictionRows:
-    """Rows of one table with the places of their groups and candidates.
+    """Rows of both tables by model, seed and partition, with their places in the bank.
+
+    Tables are taken file by file, and of a row its place and its numbers are kept: 48 bytes of a step.
 
     Attributes:
-        name: The table.
-        frame: Its columns, ``[rows]`` each.
         data: The model layer.
-        num_steps: Rows of a candidate.
-        part: Place of the partition of every row among those of the model layer, sorted; -1 for an unknown group.
-        group: Place of its group in the partition; -1 for an unknown one.
-        candidate: Place of its candidate in the bank; -1 for an unknown one.
-        step: Its step from 0.
-        is_known: Whether it is of a candidate and a step of the bank.
+        owners: Models and seeds that have a row, by table.
+        wrong: First row of each kind that belongs nowhere or holds no number, by table, model and seed.
+        first: First row of each table, model, seed and partition.
     """
 
-    def __init__(self, frame: Frame, data: BenchmarkData) -> None:
-        self.name = "predicted_trajectories" if "step" in frame else "predictions"
-        self.frame, self.data, self.num_steps = frame, data, _STEPS[self.name]
+    def __init__(self, frames: Mapping[str, Iterable[Frame]], data: BenchmarkData) -> None:
+        """Take all rows of the tables `TABLES`; none more where one has too many models and seeds."""
+        self.data = data
+        self.owners: dict[str, set[Owner]] = {name: set() for name in TABLES}
+        self.wrong: dict[str, dict[Owner, dict[str, Mismatch]]] = {name: {} for name in TABLES}
+        self.first: dict[str, dict[Owner, dict[str, Location]]] = {name: {} for name in TABLES}
+        self._rows: dict[tuple[str, Owner, str], list[tuple[Index, NDArray[np.float64]]]] = {}
         self._names = sorted(data.parts)
-        parts = {group: i for i, name in enumerate(self._names) for group in data.parts[name].groups}
-        places = {group: i for part in data.parts.values() for i, group in enumerate(part.groups)}
-        groups = frame["group_id"].tolist()
-        self.part, self.group = _places(groups, parts), _places(groups, places)
-        self.candidate = _places(frame["action_key"].tolist(), {key: i for i, key in enumerate(data.candidates)})
-        self.step = np.asarray(frame["step"], np.int64) - 1 if "step" in frame else np.zeros(len(groups), np.int64)
-        self.is_known = (self.candidate >= 0) & (self.step >= 0) & (self.step < self.num_steps)
-        self._rows = _by_owner(frame)
+        self._places = {
+            group: (i, place)
+            for i, name in enumerate(self._names)
+            for place, group in enumerate(data.parts[name].groups)
+        }
+        for table in TABLES:
+            for frame in frames[table]:
+                rows = _by_owner(frame)
+                self.owners[table] |= set(rows)
+                if len(self.owners[table]) <= MAX_OWNERS:
+                    self._take(table, frame, rows)
 
-    @property
-    def owners(self) -> tuple[Owner, ...]:
-        """Models and seeds that have a row, sorted."""
-        return tuple(self._rows)
+    def partitions(self, owner: Owner) -> set[str]:
+        """Partitions of which a model and seed has any row in any table."""
+        return {partition for table in TABLES for partition in self.first[table].get(owner, ())}
 
-    def of(self, owner: Owner, partition: str | None = None) -> Index:
-        """Rows of a model and seed, of one partition or of all and of unknown groups."""
-        rows = self._rows.get(owner, np.zeros(0, np.int64))
-        return rows if partition is None else rows[self.part[rows] == self._names.index(partition)]
+    def counts(self, table: str, owner: Owner, partition: str) -> Index:
+        """Rows of every place of a partition ``[N * A * steps]``."""
+        counts = np.zeros(self._num_groups(partition) * len(self.data.candidates) * STEPS[table], np.int64)
+        for flat, _ in self._rows.get((table, owner, partition), ()):
+            counts += np.bincount(flat, minlength=len(counts))
+        return counts
 
-    def partitions(self, owner: Owner) -> tuple[str, ...]:
-        """Partitions of which a model and seed has any row."""
-        return tuple(self._names[i] for i in np.unique(self.part[self.of(owner)]) if i >= 0)
+    def take(self, table: str, owner: Owner, partition: str) -> NDArray[np.float64]:
+        """Values ``[N, A, steps, columns]`` of a complete partition, which are forgotten here."""
+        shape = (self._num_groups(partition), len(self.data.candidates), STEPS[table], len(COLUMNS[table]))
+        values = np.empty(shape)
+        for flat, found in self._rows.pop((table, owner, partition)):
+            values.reshape(-1, shape[-1])[flat] = found
+        return values
 
-    def flat(self, owner: Owner, partition: str) -> tuple[Index, Index]:
-        """Rows of a partition and their places in ``[N, A, steps]``; rows of no candidate or step are left out."""
-        rows = self.of(owner, partition)
-        rows = rows[self.is_known[rows]]
-        size = len(self.data.candidates)
-        return rows, (self.group[rows] * size + self.candidate[rows]) * self.num_steps + self.step[rows]
+    def _num_groups(self, partition: str) -> int:
+        return len(self.data.part(partition).groups)
 
-    def packed(self, owner: Owner, partition: str) -> NDArray[np.float64]:
-        """Values ``[N, A, steps, columns]`` of a complete partition."""
-        rows, flat = self.flat(owner, partition)
-        values = np.stack([np.asarray(self.frame[name], np.float64)[rows] for name in COLUMNS[self.name]], axis=1)
-        shape = (len(self.data.part(partition).groups), len(self.data.candidates), self.num_steps, values.shape[1])
-        packed = np.empty_like(values)
-        packed[flat] = values
-        return packed.reshape(shape)
+    def _take(self, table: str, frame: Frame, by_owner: Mapping[Owner, Index]) -> None:
+        nowhere, num_steps = (-1, -1), STEPS[table]
+        homes = [self._places.get(group, nowhere) for group in frame["group_id"].tolist()]
+        part, group = np.array(homes, np.int64).reshape(-1, 2).T
+        keys = {key: i for i, key in enumerate(self.data.candidates)}
+        candidate = np.fromiter((keys.get(key, -1) for key in frame["action_key"].tolist()), np.int64)
+        step = np.asarray(frame["step"], np.int64) - 1 if "step" in frame else np.zeros(len(part), np.int64)
+        is_known = (candidate >= 0) & (step >= 0) & (step < num_steps)
+        flat = (group * len(self.data.candidates) + candidate) * num_steps + step
+        values = np.stack([np.ma.filled(np.ma.asarray(frame[n], np.float64), np.nan) for n in COLUMNS[table]], axis=-1)
+        for owner, rows in by_owner.items():
+            place = partial(_place, table, frame, owner)
+            wrong = self.wrong[table].setdefault(owner, {})
+            for row in rows[part[rows] < 0][:1].tolist():
+                wrong.setdefault("group", Mismatch(place(row), "a group of the model layer", "none of its groups"))
+            for row in rows[~is_known[rows]][:1].tolist():
+                wrong.setdefault("place", Mismatch(place(row), "a candidate and step of the bank", "neither"))
+            for i, column in enumerate(COLUMNS[table]):
+                for row in rows[~(np.abs(values[rows, i]) <= MAX_MAGNITUDE)][:1].tolist():
+                    at, found = place(row), str(frame[column][row])
+                    wrong.setdefault(column, Mismatch({**at, "column": column}, f"a finite `{column}`", found))
+            for i in np.unique(part[rows][part[rows] >= 0]).tolist():
+                own = rows[part[rows] == i]
+                self.first[table].setdefault(owner, {}).setdefault(self._names[i], place(int(own[0])))
+                own = own[is_known[own]]
+                self._rows.setdefault((table, owner, self._names[i]), []).append((flat[own], values[own]))
 
 
-def _places(keys: Iterable[str], places: Mapping[str, int]) -> Index:
-    """Place of every key, -1 for one that has none."""
-    return np.fromiter(map(places.get, keys, repeat(-1)), np.int64)
+def _place(table: str, frame: Frame, owner: Owner, row: int) -> Location:
+    """Table and key of a row."""
+    place: Location = {"table": table, "model": owner[0], "seed": owner[1]}
+    place |= {name: str(frame[name][row]) for name in ("group_id", "action_key")}
+    if "step" in frame:
+        place["step"] = int(frame["step"][row])
+    return place
 
 
 def _by_owner(frame: Frame) -> dict[Owner, Index]:
@@ -101,14 +132,15 @@ def _by_owner(frame: Frame) -> dict[Owner, Index]:
     models = frame["model"].tolist()
     if not models:
         return {}
-    names = sorted(set(models))
+    names = {name: i for i, name in enumerate(sorted(set(models)))}
     seeds, seed_of = np.unique(np.asarray(frame["seed"], np.int64), return_inverse=True)
-    owner = _places(models, {name: i for i, name in enumerate(names)}) * len(seeds) + seed_of
+    owner = np.fromiter((names[model] for model in models), np.int64) * len(seeds) + seed_of
     order = np.argsort(owner, kind="stable")
     found, starts = np.unique(owner[order], return_index=True)
     parts = np.split(order, starts[1:])
+    of_place = [*names]
     return {
-        (names[code // len(seeds)], int(seeds[code % len(seeds)])): rows
+        (of_place[code // len(seeds)], int(seeds[code % len(seeds)])): rows
         for code, rows in zip(found.tolist(), parts, strict=True)
     }
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from branchdrive.benchmark.prediction.check import prediction_mismatches
 from branchdrive.benchmark.prediction.data import ENDINGS, TABLES, BenchmarkData
 from branchdrive.benchmark.prediction.prediction_set import PredictionSet
 from branchdrive.benchmark.prediction.rows import TABLES as PREDICTED
+from branchdrive.benchmark.prediction.rows import PredictionRows
 from branchdrive.benchmark.protocol.rules import protocol_of
 from branchdrive.contract.mismatch import Check, Mismatch, PreconditionError
 from branchdrive.contract.rule import rule
@@ -31,13 +31,13 @@ def data_of(view: ReleaseView) -> BenchmarkData:
         raise PreconditionError(f"the model layer cannot be packed: {error}") from error
 
 
-def _frames(view: ReleaseView) -> dict[str, Any]:
-    return {name: view.frame(name) for name in PREDICTED}
+def _rows(view: ReleaseView) -> PredictionRows:
+    return PredictionRows({name: [view.frame(name)] for name in PREDICTED}, view.cached(data_of))
 
 
 def mismatches_of(view: ReleaseView) -> list[Mismatch]:
     """What is wrong with predictions."""
-    return list(prediction_mismatches(_frames(view), view.cached(data_of), view.cached(protocol_of)))
+    return list(prediction_mismatches(_rows(view), view.cached(protocol_of)))
 
 
 def predictions_of(view: ReleaseView) -> PredictionSet:
@@ -47,7 +47,7 @@ def predictions_of(view: ReleaseView) -> PredictionSet:
         PreconditionError: They are not complete.
     """
     try:
-        return PredictionSet.from_frames(_frames(view), view.cached(data_of))
+        return PredictionSet.of_rows(_rows(view))
     except DatasetError as error:
         raise PreconditionError(f"predictions are not complete: {error}") from error
 
