@@ -5,8 +5,9 @@ Source: spec/14-benchmark.md#predictions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from branchdrive.benchmark.protocol.protocol import MAX_OWNERS
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.timing import FUTURE_OBSERVATIONS
 from branchdrive.driving.target import TARGETS, TRAJECTORY
-from branchdrive.tables.frame import Frame, Values
+from branchdrive.tables.frame import Frame, Values, num_rows, take
 
 __all__ = ["COLUMNS", "STEPS", "TABLES", "Owner", "PredictionRows", "prediction_frame"]
 
@@ -34,6 +35,8 @@ Owner = tuple[str, int]
 
 STEPS = {"predictions": 1, "predicted_trajectories": FUTURE_OBSERVATIONS}
 """Rows of a candidate, by table."""
+
+_PIECE_ROWS = 2**16
 
 
 class PredictionRows:
@@ -62,7 +65,7 @@ class PredictionRows:
             for place, group in enumerate(data.parts[name].groups)
         }
         for table in TABLES:
-            for frame in frames[table]:
+            for frame in chain.from_iterable(map(_pieces, frames[table])):
                 rows = _by_owner(frame)
                 self.owners[table] |= set(rows)
                 if len(self.owners[table]) <= MAX_OWNERS:
@@ -116,6 +119,12 @@ class PredictionRows:
                 self.first[table].setdefault(owner, {}).setdefault(self._names[i], place(int(own[0])))
                 own = own[is_known[own]]
                 self._rows.setdefault((table, owner, self._names[i]), []).append((flat[own], values[own]))
+
+
+def _pieces(frame: Frame) -> Iterator[Frame]:
+    """Rows of a file, some at a time: what is computed of them takes more memory than they do."""
+    for start in range(0, num_rows(frame), _PIECE_ROWS):
+        yield take(frame, slice(start, start + _PIECE_ROWS))
 
 
 def _place(table: str, frame: Frame, owner: Owner, row: int) -> Location:
