@@ -105,17 +105,11 @@ def fit_risk(
     label = violated.reshape(-1).astype(np.float64)
     severity = np.clip(-difference - tolerance_m, 0.0, SEVERITY_M).reshape(-1)
 
-    def logistic_loss(z: Any) -> Any:
-        return cvxpy.logistic(z) - cvxpy.multiply(label, z)
-
-    def severity_loss(z: Any) -> Any:
-        return cvxpy.huber(z - severity)
-
     *weights, offset = solve(
-        Regression(rows, label, LOGISTIC, signs=_SIGNS, penalty=penalty), logistic_loss, "logistic fit of violations"
+        Regression(rows, label, LOGISTIC, signs=_SIGNS, penalty=penalty), _logistic, "logistic fit of violations"
     ).tolist()
     *severity_weights, severity_offset = solve(
-        Regression(rows, severity, HUBER, signs=_SIGNS, penalty=penalty), severity_loss, "Huber fit of their severity"
+        Regression(rows, severity, HUBER, signs=_SIGNS, penalty=penalty), _huber, "Huber fit of their severity"
     ).tolist()
     chances = probability(rows, weights, offset).reshape(violated.shape)
     grids = {}
@@ -136,3 +130,11 @@ def fit_risk(
         severity_offset=severity_offset,
         grids=grids,
     )
+
+
+def _logistic(z: Any, label: Array) -> Any:
+    return cvxpy.logistic(z) - cvxpy.multiply(label, z)
+
+
+def _huber(z: Any, severity: Array) -> Any:
+    return cvxpy.huber(z - severity)

@@ -28,12 +28,11 @@ cp = pytest.importorskip("cvxpy")
 program = pytest.importorskip("branchdrive_reference.benchmark.guard.program")
 
 
-def statement(regression: Regression) -> Callable[[Any], Any]:
+def statement(regression: Regression) -> Callable[[Any, Any], Any]:
     """Losses of the rows in cvxpy."""
-    truth = regression.truth
     if regression.loss is LOGISTIC:
-        return lambda z: cp.logistic(z) - cp.multiply(truth, z)
-    return lambda z: cp.huber(z - truth)
+        return lambda z, truth: cp.logistic(z) - cp.multiply(truth, z)
+    return lambda z, truth: cp.huber(z - truth)
 
 
 def solved(regression: Regression) -> np.ndarray:
@@ -77,6 +76,22 @@ def test_every_solver_leads_to_the_same_point(loss: Any, monkeypatch: pytest.Mon
         monkeypatch.setattr(program, "SOLVERS", solvers)
         found.append(solved(example(loss, 3)))
     assert np.ptp(found, axis=0).max() <= 1e-11
+
+
+@pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
+def test_a_solver_that_sees_a_part_of_the_rows_leads_to_the_same_point(
+    loss: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, regression, seen = solved(example(loss, 3)), example(loss, 3), []
+    stated = program.cvxpy_problem
+    monkeypatch.setattr(
+        program, "cvxpy_problem", lambda part, *rest: seen.append(len(part.rows)) or stated(part, *rest)
+    )
+    for most in (len(regression.rows), len(regression.rows) - 1, 7, 1):
+        monkeypatch.setattr(program, "START_ROWS", most)
+        assert abs(solved(regression) - whole).max() <= 1e-11
+        assert seen[-1] <= most
+    assert seen[0] == len(regression.rows)
 
 
 def test_a_solver_that_doubts_itself_is_judged_by_its_point() -> None:
