@@ -28,6 +28,13 @@ PLAYED_BYTES = 5_600_000
 IMAGE_BYTES = 2_000_000
 """Of all camera images of the page."""
 
+PAGE_BYTES = 10_000_000
+"""What a whole page aims at; where figures and cards are many, fewer groups open in it."""
+
+_TEXT_BYTES = 1_000_000
+_CARD_BYTES = 2_900
+"""What tables, findings and scripts of a page take, and a card with its drawing."""
+
 WITH_FINDINGS, NO_FINDING = "with findings", "no finding"
 """What groups are filtered by, beside single rules."""
 
@@ -133,7 +140,9 @@ class Gallery:
 
     def _choose(self, order: Sequence[GroupFacts]) -> None:
         """Keep the data of as many groups as there is room for, in the order of the dataset."""
-        room, kept = PLAYED_BYTES + IMAGE_BYTES, set()
+        figures = sum(4 * len(content) // 3 for content in self._report.figures.values())
+        beside = _TEXT_BYTES + _CARD_BYTES * len(order) + figures
+        room, kept = min(PLAYED_BYTES + IMAGE_BYTES, max(PAGE_BYTES - beside, 0)), set()
         for group in order:
             if group.group_id in self._found:
                 size = len(self._found[group.group_id][1])

@@ -69,11 +69,15 @@ def test_groups_beyond_the_budget_are_small_drawings(
     whole = tmp_path / "whole.html"
     report(dataset, "--output", whole)
     size = max(len(text) for name, text in Page(whole).scripts.items() if name.startswith("group-data-"))
-    monkeypatch.setattr(gallery, "PLAYED_BYTES", size + 1)
-    monkeypatch.setattr(gallery, "IMAGE_BYTES", 0)
-    _, out, _ = report(dataset, "--output", tmp_path / "report.html")
-    page = Page(tmp_path / "report.html")
-    assert "3 groups, 1 to play in it" in out
+    beside = gallery._TEXT_BYTES + 3 * gallery._CARD_BYTES
+    limits = ({"PLAYED_BYTES": size + 1, "IMAGE_BYTES": 0}, {"PAGE_BYTES": beside + size + 1}, {"PAGE_BYTES": beside})
+    for limit, played in zip(limits, (1, 1, 0), strict=True):
+        with monkeypatch.context() as patch:
+            for name, value in limit.items():
+                patch.setattr(gallery, name, value)
+            _, out, _ = report(dataset, "--output", tmp_path / f"{played}.html")
+        assert f"3 groups, {played} to play in it" in out
+    page = Page(tmp_path / "1.html")
     assert len(page.groups) == 1
     assert len([each for each in page.of("svg") if each.get("viewbox") == "0 0 240 132"]) == 3
     assert "no room for the others" in page.text
