@@ -24,7 +24,7 @@ MEASURES = ("between the centres", "between the boxes")
 
 
 class TrackEnds(NamedTuple):
-    """Ends of tracks with an observation beyond them, and how far away rows are.
+    """Ends of tracks with an observation beyond them, and how far away rows are; in few bytes, as the parent holds all.
 
     Attributes:
         is_begin: Where a track begins; elsewhere it ends ``[ends]``.
@@ -35,9 +35,9 @@ class TrackEnds(NamedTuple):
     """
 
     is_begin: Mask
-    kind: Index
+    kind: NDArray[np.integer]
     group: Index
-    beyond_m: Array
+    beyond_m: NDArray[np.floating]
     farthest_m: Array
 
     @property

@@ -262,7 +262,8 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
     result.sights = sights(view, interventions, result.responses)
     result.outlines = outlines(view, interventions)
     result.calibration = {
-        name: values[whole & np.isfinite(values)] for name, values in view.cached(calibration).items()
+        name: values[whole & np.isfinite(values)].astype(np.float32)  # a value of each attempt waits in the parent
+        for name, values in view.cached(calibration).items()
     }
     result.extremes = observed_extremes(view)
     result.track_ends = track_ends(view, examination.broken)

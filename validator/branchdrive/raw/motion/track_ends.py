@@ -49,14 +49,16 @@ def track_ends(view: ShardView, broken: Mask) -> TrackEnds:
     ends = kept & ~goes_on[row] & (offset < FUTURE_OFFSETS[-1]) & joined[frame + 1]
     places = np.concatenate([np.flatnonzero(begins), np.flatnonzero(ends)])
     step = np.repeat([-1, 1], [begins.sum(), ends.sum()])
-    beyond_m = np.stack(_distances(view, row[places], frame[places] + step, step * OBSERVATION_S), axis=1)
+    beyond_m = np.stack(_distances(view, row[places], frame[places] + step, step * OBSERVATION_S), axis=1).astype(
+        np.float32
+    )
     # A copy is as far away as its source, which counts unless its attempt is broken.
     is_copy = ~view.cached(Copies).at_moments("observations").judged(len(observations))
     counts = is_copy & ~np.append(broken, False)[np.append(view.nominal, -1)[observations.rollout]]
     kept &= ~counts[frame]
     return TrackEnds(
         step < 0,
-        kind[places],
+        kind[places].astype(np.int8),
         view.cached(group_digests)[view.group[observations.rollout[frame[places]]]],
         beyond_m,
         _farthest(view, row[kept], frame[kept], kind[kept]),
