@@ -61,10 +61,8 @@ def cvxpy_problem(program: Regression, loss: Callable[[Any, Array], Any]) -> Any
     weights, offset = cvxpy.Variable(rows.shape[1], name="w"), cvxpy.Variable(name="b")
     bound = signs != 0
     kept = [cvxpy.multiply(signs[bound], weights[bound]) >= 0] if bound.any() else []
-    objective = cvxpy.sum(loss(rows @ weights + offset, program.truth)) / len(
-        rows
-    ) + program.penalty * cvxpy.sum_squares(weights)
-    return cvxpy.Problem(cvxpy.Minimize(objective), kept)
+    mean_loss = cvxpy.sum(loss(rows @ weights + offset, program.truth)) / len(rows)
+    return cvxpy.Problem(cvxpy.Minimize(mean_loss + program.penalty * cvxpy.sum_squares(weights)), kept)
 
 
 def solve(program: Regression, loss: Callable[[Any, Array], Any], name: str) -> Array:

@@ -138,6 +138,8 @@ class Regression:
     def thinned(self, most: int) -> Regression:
         """The same of every k-th row, with the least k that leaves at most `most` rows, at least one."""
         rows, every = self.rows[:, :-1], -(-len(self.rows) // most)
+        if every == 1:
+            return self
         return Regression(rows[::every], self.truth[::every], self.loss, signs=self.signs[:-1], penalty=self.penalty)
 
     def kept(self, point: Array) -> Array:

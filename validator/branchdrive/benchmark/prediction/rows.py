@@ -77,10 +77,9 @@ class PredictionRows:
 
     def counts(self, table: str, owner: Owner, partition: str) -> Index:
         """Rows of every place of a partition ``[N * A * steps]``."""
-        counts = np.zeros(self._num_groups(partition) * len(self.data.candidates) * STEPS[table], np.int64)
-        for flat, _ in self._rows.get((table, owner, partition), ()):
-            counts += np.bincount(flat, minlength=len(counts))
-        return counts
+        size = self._num_groups(partition) * len(self.data.candidates) * STEPS[table]
+        found = [np.zeros(0, np.int64), *(flat for flat, _ in self._rows.get((table, owner, partition), ()))]
+        return np.bincount(np.concatenate(found), minlength=size)
 
     def take(self, table: str, owner: Owner, partition: str) -> NDArray[np.float64]:
         """Values ``[N, A, steps, columns]`` of a complete partition, which are forgotten here."""
@@ -141,15 +140,15 @@ def _by_owner(frame: Frame) -> dict[Owner, Index]:
     models = frame["model"].tolist()
     if not models:
         return {}
-    names = {name: i for i, name in enumerate(sorted(set(models)))}
+    names = sorted(set(models))
+    places = {name: i for i, name in enumerate(names)}
     seeds, seed_of = np.unique(np.asarray(frame["seed"], np.int64), return_inverse=True)
-    owner = np.fromiter((names[model] for model in models), np.int64) * len(seeds) + seed_of
+    owner = np.fromiter(map(places.__getitem__, models), np.int64) * len(seeds) + seed_of
     order = np.argsort(owner, kind="stable")
     found, starts = np.unique(owner[order], return_index=True)
     parts = np.split(order, starts[1:])
-    of_place = [*names]
     return {
-        (of_place[code // len(seeds)], int(seeds[code % len(seeds)])): rows
+        (names[code // len(seeds)], int(seeds[code % len(seeds)])): rows
         for code, rows in zip(found.tolist(), parts, strict=True)
     }
 

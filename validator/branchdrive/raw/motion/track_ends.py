@@ -49,9 +49,7 @@ def track_ends(view: ShardView, broken: Mask) -> TrackEnds:
     ends = kept & ~goes_on[row] & (offset < FUTURE_OFFSETS[-1]) & joined[frame + 1]
     places = np.concatenate([np.flatnonzero(begins), np.flatnonzero(ends)])
     step = np.repeat([-1, 1], [begins.sum(), ends.sum()])
-    beyond_m = np.stack(_distances(view, row[places], frame[places] + step, step * OBSERVATION_S), axis=1).astype(
-        np.float32
-    )
+    beyond_m = np.stack(_distances(view, row[places], frame[places] + step, step * OBSERVATION_S), axis=1)
     # A copy is as far away as its source, which counts unless its attempt is broken.
     is_copy = ~view.cached(Copies).at_moments("observations").judged(len(observations))
     counts = is_copy & ~np.append(broken, False)[np.append(view.nominal, -1)[observations.rollout]]
@@ -60,7 +58,7 @@ def track_ends(view: ShardView, broken: Mask) -> TrackEnds:
         step < 0,
         kind[places].astype(np.int8),
         view.cached(group_digests)[view.group[observations.rollout[frame[places]]]],
-        beyond_m,
+        beyond_m.astype(np.float32),
         _farthest(view, row[kept], frame[kept], kind[kept]),
     )
 
