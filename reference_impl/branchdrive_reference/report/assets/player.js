@@ -317,7 +317,10 @@ function openGroup(place, rule, number) {
   byId("previous-group").disabled = place === 0;
   byId("next-group").disabled = document.getElementById(`group-data-${place + 1}`) === null;
   fillFaults(group, chooseSpot, leaveTo);
-  if (!dialog.open) dialog.showModal();
+  const begins = !dialog.open;
+  if (begins) dialog.showModal();
+  // Space plays at once, and what is hidden takes no keys.
+  if (begins || byId("player-whole").hidden) byId(group.futures.length ? "play" : "close-player").focus({ preventScroll: true });
   if (group.futures.length) {
     byId("spot-text").after(byId("faults"));
     fillChoices();
