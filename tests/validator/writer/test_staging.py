@@ -33,7 +33,7 @@ class KilledError(Exception):
 class Dying(ShortRoad):
     """Is killed at the fourth rollout of its second group."""
 
-    left = WHOLE + BEGUN
+    left = 0
 
     def reset(self, seed: int) -> bd.Scene:
         Dying.left -= 1
@@ -45,6 +45,7 @@ class Dying(ShortRoad):
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("killed") / "dataset"
+    Dying.left = WHOLE + BEGUN  # again where a worker makes the fixture a second time
     with pytest.raises(KilledError):
         bd.collect_dataset(root, DESCRIPTOR, {"Parked": Dying}, **OPTIONS)
     return root
