@@ -21,6 +21,10 @@ def own_process(_: object) -> int:
     return os.getpid()
 
 
+def started_by(_: object) -> int:
+    return os.getppid()
+
+
 def die_on_three(value: int) -> int:
     if value == 3:
         os.kill(os.getpid(), signal.SIGKILL)

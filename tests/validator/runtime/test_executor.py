@@ -32,8 +32,9 @@ from tests.validator.runtime.tasks import (
     leave_quietly,
     own_process,
     raise_on_three,
+    started_by,
 )
-from tests.waiting import wait_for
+from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.engine.validate import validate
 from branchdrive.errors import PlatformError
@@ -223,6 +224,27 @@ def test_a_death_under_a_low_limit_of_the_machine_is_no_fault_of_a_task(monkeypa
     monkeypatch.setattr("branchdrive.runtime.executor._allowed_bytes", lambda: 1.5 * 2**30)
     with pytest.raises(PlatformError, match=r"no more than 1\.5 GiB of memory here.*raise `ulimit -v`"):
         results(isolated(1), leave_quietly, [1])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
+def test_calls_of_one_executor_share_the_process_that_forks_their_workers() -> None:
+    executor = isolated(2)
+    found = {outcome for _ in range(2) for _, outcome in executor(started_by, [0, 1])}
+    assert len(found) == 1
+    assert found != {os.getpid()}
+    assert isolated(2) == executor
+
+
+def test_a_script_from_standard_input_has_workers() -> None:
+    code = """
+from branchdrive.runtime.executor import isolated
+from tests.validator.runtime.tasks import double
+print(sorted(isolated(2)(double, [1, 2])))
+"""
+    done = subprocess.run(
+        [sys.executable, "-"], input=code, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE_S
+    )
+    assert (done.stdout, done.stderr) == ("[(0, 2), (1, 4)]\n", "")
 
 
 def test_standing_processes_stay_from_call_to_call_and_end_with_the_block() -> None:

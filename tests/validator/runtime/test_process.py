@@ -19,7 +19,7 @@ from tests.repo.checkout import ROOT
 from tests.validator.engine import datasets
 from tests.waiting import PATIENCE_S, wait_for
 
-from branchdrive.runtime.process import ARRAY_WORK, array_context, spawn_context
+from branchdrive.runtime.process import ARRAY_WORK, ArrayContexts, array_context, spawn_context
 
 SCRIPT = """
 import os, sys
@@ -136,6 +136,28 @@ def test_a_server_forks_workers_with_its_modules_and_without_threads(is_forked: 
                 assert "pyarrow.parquet" in found[0][2]
         assert not is_forked or Path(f"/proc/{parent}").exists()
     assert not is_forked or not Path(f"/proc/{parent}").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
+def test_a_server_that_stays_loads_what_later_workers_need_and_ends_with_its_contexts() -> None:
+    contexts, servers, loaded = ArrayContexts(), [], []
+    for module in ("wave", "branchdrive.formats.manifest"):
+        with ProcessPoolExecutor(1, contexts.get(module)) as pool:
+            _, server, modules = pool.submit(_who_i_am, 0).result()
+        servers.append(server)
+        loaded.append(module in modules)
+    assert servers[0] == servers[1] != os.getpid()
+    assert all(loaded)
+    del contexts
+    assert not Path(f"/proc/{servers[0]}").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
+def test_workers_start_by_themselves_where_a_server_cannot_load_what_later_ones_need() -> None:
+    contexts = ArrayContexts()
+    for module, is_forked in (("wave", True), ("branchdrive.no_such_module", False), ("wave", False)):
+        with ProcessPoolExecutor(1, contexts.get(module)) as pool:
+            assert (pool.submit(_who_i_am, 0).result()[1] != os.getpid()) == is_forked
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")

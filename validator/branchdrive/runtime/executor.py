@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from multiprocessing.context import SpawnContext
 from typing import Any, Protocol, TypeVar
@@ -25,13 +25,13 @@ from branchdrive.contract.limits import spec_limits
 from branchdrive.contract.text import failure_text
 from branchdrive.errors import PlatformError, ToolError
 from branchdrive.runtime.environment import import_fault, leave_out_pandas
-from branchdrive.runtime.process import array_context, exit_after
+from branchdrive.runtime.process import ArrayContexts, array_context, exit_after
 
 __all__ = [
     "BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit", "results_of",
 ]  # fmt: skip
 
-_LOADED = (__name__, "pyarrow.parquet")
+_LOADED = (__name__, "pyarrow.compute", "pyarrow.parquet")
 """What workers need whatever they do with a dataset."""
 
 Task = TypeVar("Task")
@@ -282,16 +282,16 @@ def _in_pools(
 
 @dataclass(frozen=True)
 class _Isolated:
-    """An executor over processes of its own."""
+    """An executor over processes of its own, which end with each call; what has imported their modules stays."""
 
     jobs: int
+    _contexts: ArrayContexts = field(default_factory=ArrayContexts, compare=False, repr=False)
 
     def __call__(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], /
     ) -> Iterator[tuple[int, Result | Died | Failed]]:
         if tasks:
-            with array_context(*_loaded(function.__module__)) as context:
-                yield from _in_pools(function, tasks, self.jobs, context)
+            yield from _in_pools(function, tasks, self.jobs, self._contexts.get(*_loaded(function.__module__)))
 
 
 def isolated(jobs: int) -> Executor:

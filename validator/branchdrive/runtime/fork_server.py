@@ -2,12 +2,13 @@
 
 A worker that starts by itself imports hundreds of modules first. A server imports them once. It is started like any
 other child (see `branchdrive.runtime.process`), runs no thread and no task, reads no data and never loads the main
-module of its parent. For a worker it is sent the ends of two pipes; the child that it forks goes on as spawned workers
-do: it loads the main module, and then takes its limits and its work from the parent.
+module of its parent. For a worker it is sent the modules that it needs and the ends of two pipes; the child that it
+forks goes on as spawned workers do: it loads the main module, and then takes its limits and its work from the parent.
 
 A server ends with the other end of its socket: when that is closed, and when the parent dies, however that happens. It
-refuses where it finds another copy of this package than its parent has, or where a library has started a thread,
-of which forked processes would have nothing but the locks. Workers then start by themselves.
+refuses where it finds another copy of this package than its parent has, where a module cannot be imported, or where
+a library has started a thread, of which forked processes would have nothing but the locks. Workers then start by
+themselves.
 
 The server runs this file as its script, which needs the standard library alone until the copies are compared.
 """
@@ -37,6 +38,9 @@ _PATIENCE_S = 1.0
 _READY = b"!"
 """What a server sends as it begins to serve."""
 
+_MAX_MODULES_BYTES = 4096
+"""Names of modules in a request, at most."""
+
 _MAX_PASSED = 64
 """File descriptors in a request, at most: data, status, the resource tracker, and what the worker shares."""
 
@@ -49,12 +53,12 @@ class ForkServer:
     """The parent's side of a server.
 
     Args:
-        modules: What it imports.
+        modules: What it imports first.
         environment: Its variables, and those of its workers.
     """
 
     def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
-        self._requests, theirs = socket.socketpair()
+        self._requests, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)  # a request arrives as a whole
         interpreter = [spawn.get_executable(), *util._args_from_interpreter_flags(), "-P"]  # type: ignore[attr-defined]
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # interrupts are for its workers to take
         try:
@@ -67,7 +71,12 @@ class ForkServer:
                 )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        self._modules: Sequence[str] = modules
         self._has_workers = False
+
+    def load(self, modules: Sequence[str]) -> None:
+        """Import these before the next worker is forked."""
+        self._modules = modules
 
     def wait(self) -> None:
         """Wait until it serves, or will not; an interrupt is heard meanwhile."""
@@ -86,7 +95,7 @@ class ForkServer:
         """
         tracker = cast(int, resource_tracker.getfd())  # which is running since the context was made
         try:
-            socket.send_fds(self._requests, [b"w"], [data, status, tracker, *shared])
+            socket.send_fds(self._requests, [" ".join(self._modules).encode()], [data, status, tracker, *shared])
         except OSError as error:
             raise NoServerError from error
         self._has_workers = True
@@ -117,7 +126,7 @@ class ForkedPopen(popen_forkserver.Popen):
         what = io.BytesIO()
         context.set_spawning_popen(self)
         try:
-            for part in (spawn.get_preparation_data(process.name), process):
+            for part in (_preparation(process.name), process):
                 reduction.dump(part, what)
         finally:
             context.set_spawning_popen(None)
@@ -136,17 +145,40 @@ class ForkedPopen(popen_forkserver.Popen):
             stream.write(what.getbuffer())
 
 
+def _preparation(name: str) -> dict[str, Any]:
+    """What a worker loads of its parent; no main module that came from standard input, which cannot be read again."""
+    found: dict[str, Any] = spawn.get_preparation_data(name)
+    if not Path(found.get("init_main_from_path", __file__)).exists():
+        del found["init_main_from_path"]
+    return found
+
+
 def _serve(requests: socket.socket) -> None:
     """Fork a worker at each request until there can be no more, and wait for all of them."""
     requests.sendall(_READY)
-    while passed := socket.recv_fds(requests, 1, _MAX_PASSED)[1]:
+    while True:
+        modules, passed, *_ = socket.recv_fds(requests, _MAX_MODULES_BYTES, _MAX_PASSED)
+        if not passed or not _can_fork(modules.decode().split()):
+            _close(*passed)
+            break
         if os.fork() == 0:
             requests.close()
             _work(*passed)
         _close(*passed)
+    requests.close()  # who asks is told, whatever its request was
     with suppress(ChildProcessError):
         while True:
             os.wait()
+
+
+def _can_fork(modules: Sequence[str]) -> bool:
+    """Import modules, if that can be done and leaves this process with one thread."""
+    try:
+        for module in modules:
+            import_module(module)
+    except Exception:  # workers that start by themselves meet it, and tell of it
+        return False
+    return len(list(Path("/proc/self/task").iterdir())) == 1
 
 
 def _work(data: int, status: int, tracker: int, *shared: int) -> NoReturn:
@@ -174,12 +206,7 @@ def _main(descriptor: int, modules: Sequence[str]) -> None:
     found = find_spec(_PACKAGE_DIR.name)
     if found is None or found.submodule_search_locations != [str(_PACKAGE_DIR)]:
         return
-    try:
-        for module in modules:
-            import_module(module)
-    except Exception:  # workers that start by themselves meet it, and tell of it
-        return
-    if len(list(Path("/proc/self/task").iterdir())) == 1:
+    if _can_fork(modules):
         with suppress(BrokenPipeError, ConnectionResetError), socket.socket(fileno=descriptor) as requests:
             _serve(requests)  # until who asks is gone, in the middle of a request too
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -28,8 +29,8 @@ from branchdrive.errors import PlatformError
 from branchdrive.runtime.fork_server import ForkedPopen, ForkServer, NoServerError
 
 __all__ = [
-    "ARRAY_WORK", "ONE_THREAD", "array_context", "bare_command", "child_environment", "exit_after", "python_command",
-    "spawn_context",
+    "ARRAY_WORK", "ONE_THREAD", "ArrayContexts", "array_context", "bare_command", "child_environment", "exit_after",
+    "python_command", "spawn_context",
 ]  # fmt: skip
 
 _SAFE, _PATH = "PYTHONSAFEPATH", "PYTHONPATH"
@@ -105,26 +106,44 @@ def spawn_context() -> SpawnContext:
 
 @contextmanager
 def array_context(*modules: str) -> Iterator[SpawnContext]:
-    """Context for processes that compute with arrays; see `ARRAY_WORK`.
-
-    Where that is safe, they are forked by a server, which lives as long as the context manager.
-
-    Args:
-        modules: What they need, which the server imports before.
-
-    Raises:
-        PlatformError: The interpreter was started so that its children ignore the environment.
-    """
-    _prepare_to_start()
-    if not _MAY_FORK:
-        yield _ArrayContext()
-        return
-    server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
+    """Context for processes that compute with arrays, in which alone they are; see `ArrayContexts.get`."""
+    contexts = ArrayContexts()
     try:
-        server.wait()
-        yield _ForkContext(server)
+        yield contexts.get(*modules)
     finally:
-        server.close()
+        contexts.close()
+
+
+class ArrayContexts:
+    """Contexts for processes that compute with arrays; see `ARRAY_WORK`.
+
+    Where that is safe, they are forked by one server, which ends with this object.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._server: ForkServer | None = None
+        self.close: Callable[[], object] = lambda: None
+        """End the server, if there is one; then there are no more contexts."""
+
+    def get(self, *modules: str) -> SpawnContext:
+        """One for processes that need some modules, which the server imports before.
+
+        Raises:
+            PlatformError: The interpreter was started so that its children ignore the environment.
+        """
+        _prepare_to_start()
+        if not _MAY_FORK:
+            return _ArrayContext()
+        with self._lock:
+            if self._server is None:
+                server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
+                self.close = weakref.finalize(self, server.close)
+                server.wait()
+                self._server = server
+            else:
+                self._server.load(modules)
+            return _ForkContext(self._server)
 
 
 def _prepare_to_start() -> None:
