@@ -26,7 +26,7 @@ from branchdrive.raw.funnel import Funnel, GroupOutcome
 
 TEXT = np.array(["a", "\u00e9\n", ""], object)
 MASKED = np.ma.MaskedArray([1.5, math.nan, 3.0], mask=[False, True, False])
-TALLIES = Tallies(
+TALLIES = Tallies.of(
     {
         "BD-VAL-003": Tally("BD-VAL-003", 3, 4, is_claimed=False),
         "BD-VAL-001": Tally("BD-VAL-001", 3, 4, 1, [Finding("BD-VAL-001", {}, 1, "", "")]),
@@ -121,8 +121,13 @@ def test_other_bytes_are_refused_or_of_a_value(content: bytes) -> None:
 @pytest.mark.parametrize(
     "document",
     ['{"array":["O",[1]]}', '{"array":["<f8",[9]]}', '{"array":["<f8",[-1]]}', '{"_class__":[]}', '{"value":1}',
-     '{"Tally":{"nothing":1}}', '{"Identities":{"texts":[1]}}', '{"Tallies":{"tallies":{"map":[["BD-NO-001",1]]}}}',
-     '{"Tallies":{"tallies":{"map":[["BD-VAL-001",{"Tally":{"rule_id":"BD-VAL-001","total":99999999999999999999}}]]}}}',
+     '{"Tally":{"nothing":1}}', '{"Identities":{"texts":[1]}}',
+     '{"Tallies":{"rules":["BD-NO-001"],"numbers":{"array":["<i8",[1,4]]}}}',
+     '{"Tallies":{"rules":["BD-VAL-001"],"numbers":{"array":["|u1",[1,4]]}}}',
+     '{"Tallies":{"rules":["BD-VAL-001"],"numbers":{"array":["|u1",[8]]}}}',
+     '{"Tallies":{"rules":["BD-VAL-001","BD-VAL-001"],"numbers":{"array":["<i8",[2,4]]}}}',
+     '{"Tallies":{"rules":[],"numbers":{"array":["<i8",[0,4]]},"others":[{"Tally":{"rule_id":"BD-VAL-001"}}]}}',
+     '{"Tallies":{"rules":[],"numbers":{"array":["<i8",[0,4]]},"others":[1]}}',
      '{"a":1,"b":2}', '{"system":["ls"]}', '{"array":["V8",[1]]}', "[" * 100_000],
 )  # fmt: skip
 def test_documents_of_another_form_are_refused(document: str) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.engine.finding import Finding
@@ -22,7 +25,7 @@ EVERY = {
 
 
 def test_what_went_in_comes_out() -> None:
-    found = pickle.loads(pickle.dumps(Tallies(EVERY)))
+    found = pickle.loads(pickle.dumps(Tallies.of(EVERY)))
     assert dict(found) == EVERY
     assert [*found] == [*EVERY]
     with pytest.raises(KeyError):
@@ -31,4 +34,23 @@ def test_what_went_in_comes_out() -> None:
 
 def test_rules_without_a_finding_take_a_few_bytes() -> None:
     passing = {rule_id: Tally(rule_id, 32, 32) for rule_id in CATALOGUE}
-    assert len(pickle.dumps(Tallies(passing))) < 40 * len(passing)
+    assert len(pickle.dumps(Tallies.of(passing))) < 40 * len(passing)
+
+
+@given(
+    st.lists(
+        st.dictionaries(
+            st.sampled_from([*EVERY]), st.sampled_from([*EVERY.values()]) | st.builds(
+                Tally, st.just(""), st.integers(0, 9), st.integers(0, 9), st.integers(0, 3), is_claimed=st.booleans()
+            )
+        ),
+        max_size=4,
+    )
+)  # fmt: skip
+def test_totals_of_shards_add_up(parts: list[dict[str, Tally]]) -> None:
+    named = [{rule_id: replace(tally, rule_id=rule_id) for rule_id, tally in part.items()} for part in parts]
+    expected: dict[str, Tally] = {}
+    for part in named:
+        for rule_id, tally in part.items():
+            expected.setdefault(rule_id, Tally(rule_id)).add(tally)
+    assert Tallies.total(map(Tallies.of, named)) == expected

@@ -98,7 +98,7 @@ class ShardResult(ShardFacts):
         is_failed: Whether a rule failed on it, asked for or not.
     """
 
-    tallies: Tallies = field(default_factory=Tallies)
+    tallies: Tallies = field(default_factory=lambda: Tallies.of({}))
     left_out: str | None = None
     funnel: Funnel = field(default_factory=Funnel)
     frames: tuple[str, ...] = ()
@@ -108,7 +108,7 @@ class ShardResult(ShardFacts):
     def leave_out(self, reason: str | None, selected: frozenset[str]) -> None:
         """Judge none of its rows, for a reason that every rule on rows then has."""
         self.left_out = reason
-        self.tallies = Tallies({r: Tally(r, unjudged=reason) for r in VIEW_RULES if r in selected})
+        self.tallies = Tallies.of({r: Tally(r, unjudged=reason) for r in VIEW_RULES if r in selected})
 
 
 def spooled_name(folder: str) -> str:
@@ -245,7 +245,7 @@ def _judge(task: ShardTask, view: ShardView, result: ShardResult) -> None:
         repeated_rollouts=task.repeated_rollouts,
         scattered_groups=task.scattered_groups,
     )
-    result.tallies = Tallies({rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected})
+    result.tallies = Tallies.of({rule_id: tally for rule_id, tally in tallies.items() if rule_id in task.selected})
     result.is_failed = any(tally.errors for tally in tallies.values())
     result.funnel = Funnel() if view.descriptor.is_of_drives else examination.funnel
     result.judged = {

@@ -114,7 +114,7 @@ def _parts(value: Any) -> Iterator[tuple[str, Any]]:
         yield "texts", [*value]
         return
     if isinstance(value, Tallies):
-        yield "tallies", {**value}
+        yield from zip(("rules", "numbers", "others"), value.parts, strict=True)
         return
     if isinstance(value, tuple):
         yield from zip(value._fields, value, strict=True)  # type: ignore[attr-defined]

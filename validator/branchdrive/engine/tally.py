@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import islice
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import MAX_KEPT
 from branchdrive.contract.rule import CATALOGUE, RuleInfo
@@ -109,34 +110,86 @@ _RULES = tuple(CATALOGUE)
 _PLACES = {rule_id: place for place, rule_id in enumerate(_RULES)}
 
 
+@lru_cache(maxsize=64)
+def _rows_of(places: bytes) -> Mapping[str, int]:
+    """Rules by their places in the catalogue, each with its number among them: one for all shards with these rules."""
+    return {_RULES[place]: row for row, place in enumerate(np.frombuffer(places, np.int16).tolist())}
+
+
 class Tallies(Mapping[str, Tally]):
     """Totals of rules on one shard, by rule: numbers, as nearly all are nothing else, and the others as they are.
 
     Args:
-        tallies: The totals, which do not change any more.
+        rules: Rules, each once.
+        numbers: What a rule examined, its subjects, its findings, and 1 where it is claimed ``[rules, 4]``.
+        others: Totals that are more than these numbers.
+
+    Raises:
+        KeyError: There is no such rule.
+        TypeError: What is no number, or no totals.
+        ValueError: The numbers are not those of the rules.
     """
 
-    def __init__(self, tallies: Mapping[str, Tally] = MappingProxyType({})) -> None:
+    def __init__(self, rules: Sequence[str], numbers: NDArray[np.int64], others: Sequence[Tally] = ()) -> None:
+        if numbers.shape != (len(rules), 4) or numbers.dtype != np.int64 or len({*rules}) < len(rules):
+            raise ValueError(f"numbers {numbers.dtype} {numbers.shape} of {len(rules)} rules")
+        self._places = np.array([_PLACES[rule_id] for rule_id in rules], np.int16).tobytes()
+        self._numbers = numbers
+        self._others = {tally.rule_id: tally for tally in others}
+        if not self._others.keys() <= _rows_of(self._places).keys():
+            raise ValueError(f"no numbers of {', '.join(self._others)}")
+
+    @classmethod
+    def of(cls, tallies: Mapping[str, Tally]) -> Tallies:
+        """Totals by rule, which do not change any more."""
         every = [*tallies.values()]
-        self._rules = np.array([_PLACES[rule_id] for rule_id in tallies], np.int16)
         numbers = [(tally.examined, tally.total, tally.num_findings, tally.is_claimed) for tally in every]
-        self._numbers = np.array(numbers, np.int64).reshape(len(numbers), 4)
-        self._others = {t.rule_id: t for t in every if t.findings or t.unjudged or t.is_exceeded or t.errors}
+        others = [t for t in every if t.findings or t.unjudged or t.is_exceeded or t.errors]
+        return cls([*tallies], np.array(numbers, np.int64).reshape(len(numbers), 4), others)
+
+    @property
+    def others(self) -> list[Tally]:
+        """Totals that are more than numbers."""
+        return [*self._others.values()]
+
+    @property
+    def parts(self) -> tuple[list[str], NDArray[np.int64], list[Tally]]:
+        """What it is made of."""
+        return [*self], self._numbers, self.others
 
     def __repr__(self) -> str:
         return f"Tallies({ {**self} })"
 
     def __len__(self) -> int:
-        return len(self._rules)
+        return len(self._numbers)
 
     def __iter__(self) -> Iterator[str]:
-        return (_RULES[place] for place in self._rules.tolist())
+        return iter(_rows_of(self._places))
 
     def __getitem__(self, rule_id: str) -> Tally:
         if rule_id in self._others:
             return self._others[rule_id]
-        (rows,) = np.nonzero(self._rules == _PLACES[rule_id])
-        if not len(rows):
-            raise KeyError(rule_id)
-        examined, total, num_findings, is_claimed = self._numbers[rows[0]].tolist()
-        return Tally(rule_id, examined, total, num_findings, is_claimed=bool(is_claimed))
+        return _of_numbers(rule_id, self._numbers[_rows_of(self._places)[rule_id]].tolist())
+
+    @staticmethod
+    def total(parts: Iterable[Tallies]) -> dict[str, Tally]:
+        """Totals by rule of all parts together."""
+        sums: dict[bytes, list[NDArray[np.int64]]] = {}
+        others: list[Tally] = []
+        for part in parts:
+            sums.setdefault(part._places, []).append(part._numbers)
+            others += part.others
+        found: dict[str, Tally] = {}
+        for places, numbers in sums.items():
+            counts = np.sum(numbers, axis=0)
+            counts[:, 3] = counts[:, 3] == len(numbers)
+            for rule_id, row in zip(_rows_of(places), counts.tolist(), strict=True):
+                found.setdefault(rule_id, Tally(rule_id)).add(_of_numbers(rule_id, row))
+        for other in others:  # whose numbers are among those
+            found[other.rule_id].add(replace(other, examined=0, total=0, num_findings=0))
+        return found
+
+
+def _of_numbers(rule_id: str, numbers: Sequence[int]) -> Tally:
+    examined, total, num_findings, is_claimed = numbers
+    return Tally(rule_id, examined, total, num_findings, is_claimed=bool(is_claimed))

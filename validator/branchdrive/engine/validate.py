@@ -28,7 +28,7 @@ from branchdrive.engine.report import DatasetFacts, Report, RunOptions
 from branchdrive.engine.response_summary import ResponseSummary
 from branchdrive.engine.shard import ShardResult
 from branchdrive.engine.spool import Spool
-from branchdrive.engine.tally import Tally
+from branchdrive.engine.tally import Tallies, Tally
 from branchdrive.engine.verdict import decide
 from branchdrive.engine.waiver import Waiver, apply_waivers
 from branchdrive.errors import UsageError
@@ -144,7 +144,7 @@ def validate(
     funnel = Funnel()
     for result in results:
         funnel.add(result.funnel)
-    is_read = not any(t.unjudged and t.rule_id in qualifying for result in results for t in result.tallies.values())
+    is_read = not any(t.unjudged and t.rule_id in qualifying for result in results for t in result.tallies.others)
     is_read &= not source.excess
     is_judged = source.descriptor is not None and is_whole and is_read and bool(results or source.has_raw)
     rule_errors = [message for tally in tallies.values() for message in tally.errors]
@@ -218,6 +218,7 @@ def _merge(
 ) -> dict[str, Tally]:
     """One tally per rule of the catalogue over the whole dataset, whose shards `of_raw` describes."""
     tallies: dict[str, Tally] = {}
+    of_shards = Tallies.total(shard.tallies for shard in results)
     described = of_raw if results else survey.descriptor
     left_out = next((shard.left_out for shard in results if shard.left_out), None)
     for rule_id in CATALOGUE:
@@ -239,8 +240,8 @@ def _merge(
             else:
                 tally.is_claimed = False
         else:
-            for shard in results:
-                tally.add(shard.tallies[rule_id])
+            if results:
+                tally.add(of_shards[rule_id])
             if survey.descriptor is None:
                 tally.unjudged = "the descriptor is unusable"
             elif survey.excess and not results:
