@@ -11,6 +11,7 @@ from tests.reference_impl.report.browser import Visit, chromium, visits
 from tests.reference_impl.report.reading import Page, made
 from tests.reference_impl.report.samples import HOSTILE, every, written
 from tests.sampling import THOROUGH
+from tests.synthetic import BRANCH_TICK
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,8 @@ def test_axe_finds_nothing_and_nothing_runs_over(scheme: str, width: int, browse
         for mode in "132":
             visit.press(mode)
             assert visit.state("dialog.scrollWidth <= dialog.clientWidth")
+        over = "(one) => one.getBoundingClientRect().right > innerWidth || one.scrollWidth > one.clientWidth + 1"
+        assert not visit.state(f"[...dialog.querySelectorAll('.outcomes, button')].some({over})")
         assert violations(visit.page) == []
 
 
@@ -81,6 +84,9 @@ def test_filters_leave_the_groups_that_were_asked_for(browser: Any, path: Path) 
         shown = visit.page.locator(".card:visible")
         assert shown.count() == 1
         assert visit.page.locator("#shown-groups").text_content() == "1 of 3 groups"
+        visit.page.locator("#reset-filters").click()
+        assert shown.count() == 3
+        assert visit.page.locator("#reset-filters").is_hidden()
 
 
 def test_every_control_of_the_player_is_reached_by_tab_and_has_a_name(browser: Any, path: Path) -> None:
@@ -109,7 +115,9 @@ def test_keys_move_time_choose_modes_and_leave(browser: Any, path: Path) -> None
         opened(visit)
         visit.press("ArrowRight", "ArrowRight")
         assert visit.state("player.tick") == 10
-        assert "+0.50 s, intervention" in visit.page.locator("#time-text").text_content()
+        assert visit.page.locator("#time-text").text_content() == f"tick {BRANCH_TICK + 10}, +0.50 s, intervention"
+        assert f"branch at tick {BRANCH_TICK}" in visit.page.locator("#player-facts").text_content()
+        assert visit.state("[time.first, byId('time').min]") == [-80, "-80"]
         visit.press("ArrowLeft")
         assert visit.state("player.tick") == 5
         visit.press("Home")
@@ -124,9 +132,70 @@ def test_keys_move_time_choose_modes_and_leave(browser: Any, path: Path) -> None
         assert visit.page.locator("#player-title").text_content() == "g1"
         visit.press("p")
         assert visit.page.locator("#player-title").text_content() == "g0"
+        visit.press("?")
+        assert visit.page.locator("#keys").is_visible()
+        visit.press("?")
+        assert visit.page.locator("#keys").is_hidden()
         visit.press("Escape")
         assert not visit.state("dialog.open")
         assert visit.state("document.activeElement.dataset.place") == "0"
+
+
+def test_space_plays_whatever_was_clicked_before(browser: Any, path: Path) -> None:
+    with visits(browser, path) as visit:
+        opened(visit)
+        for control in (
+            "#next-group",
+            "#player-theme",
+            "#zoom-in",
+            "#follow",
+            "input[value=two]",
+            "#time",
+            "#previous-group",
+        ):
+            visit.page.locator(f"#player {control}").click()
+            visit.press("Space")
+            assert visit.state("player.isPlaying"), control
+            visit.press("Space")
+            assert not visit.state("player.isPlaying"), control
+        assert visit.state("[player.place, player.mode, player.follow]") == [0, "two", True]
+        visit.page.locator("#next-group").focus()
+        visit.press("Enter")
+        assert visit.state("player.place") == 1
+
+
+def test_keys_work_after_a_choice_in_a_list_and_boxes_keep_theirs(browser: Any, path: Path) -> None:
+    with visits(browser, path) as visit:
+        opened(visit)
+        visit.page.locator("#candidate-a").click()
+        visit.press("ArrowDown", "Enter")
+        assert visit.state("player.a") == 1
+        visit.press("3", "ArrowRight")
+        assert visit.state("[player.mode, player.a, player.tick]") == ["all", 1, 5]
+        visit.page.locator("#candidate-a").focus()
+        visit.press("ArrowDown", "ArrowDown", "2")
+        assert visit.state("[player.mode, player.a, document.activeElement.id]") == ["two", 3, "candidate-a"]
+        visit.page.locator("input[value=two]").focus()
+        visit.press("ArrowRight")
+        assert visit.state("[player.mode, document.activeElement.value]") == ["all", "all"]
+        visit.page.locator("#follow").focus()
+        visit.press("Space")
+        assert visit.state("[player.follow, player.isPlaying]") == [True, False]
+
+
+def test_all_candidates_stand_beside_the_chosen_one(browser: Any, path: Path) -> None:
+    with visits(browser, path) as visit:
+        opened(visit)
+        visit.page.locator("#candidate-a").select_option("3")
+        commands = visit.page.locator("#chart-controls figcaption")
+        for mode in "13":
+            visit.press(mode)
+            assert commands.text_content().startswith("Commands of accelerate 0.80 and nominal: ")
+            assert " · nominal " in commands.text_content()
+        assert "accelerate 0.80 filled" in visit.page.locator("#map-a figcaption").text_content()
+        before = drawn(visit, "#map-a")
+        visit.page.locator("#candidate-a").select_option("5")
+        assert drawn(visit, "#map-a") != before
 
 
 def test_play_runs_to_the_horizon_and_pauses(browser: Any, path: Path) -> None:
@@ -229,10 +298,13 @@ def test_the_example_of_a_finding_leads_to_its_place_in_the_player_and_back(brow
         assert shown == ["g0", "accelerate 0.50", 20]
         assert "yaw_rad of actors" in visit.page.locator("#spot-text").text_content()
         pressed = visit.page.locator("#fault-list button[aria-pressed=true]")
-        assert pressed.text_content() == "accelerate 0.50, actor 1, at +1.00 s"
-        assert visit.state("document.activeElement.getAttribute('aria-pressed')") == "true"
+        assert pressed.text_content() == f"accelerate 0.50, actor 1, at tick {BRANCH_TICK + 20}, +1.00 s"
+        assert visit.state("location.hash") == "#play-0-BD-VAL-002-0"
         assert violations(visit.page) == []
-        visit.press("Escape")
+        visit.press("Space")
+        visit.until("player.tick > 20")
+        visit.press("Space", "Escape")
+        visit.until("location.hash === ''")
         assert visit.state("document.activeElement.hash") == "#play-0-BD-VAL-002-0"
         visit.press("Enter")
         visit.page.locator("#fault-list a", has_text="BD-VAL-002").focus()
@@ -241,25 +313,62 @@ def test_the_example_of_a_finding_leads_to_its_place_in_the_player_and_back(brow
         assert visit.state("document.activeElement.closest('article').id") == "BD-VAL-002"
 
 
+def test_the_way_back_from_the_page_of_a_rule_is_the_way_of_the_browser(browser: Any, damaged_page: Page) -> None:
+    with visits(browser, damaged_page.path) as visit:
+        visit.page.locator("#BD-VAL-002 a.play").first.click()
+        visit.press("f")
+        place = visit.state("location.hash")
+        visit.page.locator("#fault-list a", has_text="about this rule").first.click()
+        assert not visit.state("dialog.open")
+        assert visit.state("location.hash").startswith("#page-BD-")
+        visit.page.go_back()
+        visit.until("dialog.open")
+        assert visit.state("location.hash") == place
+        visit.page.go_back()
+        visit.until("!dialog.open")
+
+
 def test_places_of_findings_are_marked_on_time_and_map_and_reached_by_keys(browser: Any, damaged_page: Page) -> None:
     with visits(browser, damaged_page.path, fragment="#play-0-BD-VAL-002-0") as visit:
         marks = "[...document.querySelectorAll('#time-marks span')].map((one) => one.textContent + one.className)"
-        assert sorted(visit.state(marks)) == ["▼chosen", "◀"]  # the other begins before what is shown
+        assert sorted(visit.state(marks)) == ["▼chosen", "▽"]
         (left,) = visit.state("[...document.querySelectorAll('#time-marks .chosen')].map((one) => one.offsetLeft)")
-        thumb = visit.state("(() => { const one = byId('time'); return 8 + (one.clientWidth - 16) * 100 / 210; })()")
+        thumb = visit.state("(() => { const one = byId('time'); return 8 + (one.clientWidth - 16) * 120 / 230; })()")
         assert abs(left - thumb) < 2
         figures = ("#map-a", "#chart-speed")
         with_marks = {figure: drawn(visit, figure) for figure in figures}
         visit.state("player.group.spots = []; redraw()")
         assert all(drawn(visit, figure) != with_marks[figure] for figure in figures)
     with visits(browser, damaged_page.path, fragment="#play-0") as visit:
-        visit.press("f")
-        first = visit.page.locator("#spot-text").text_content()
-        visit.press("f")
-        assert visit.page.locator("#spot-text").text_content() != first
+        ticks, number = [], visit.state("player.group.spots.length")
+        for place in range(number):
+            visit.press("f")
+            ticks.append(visit.state("player.spot.tick ?? 1e9"))
+            assert visit.page.locator("#spot-text").text_content().startswith(f"Place {place + 1} of {number}: ")
+            assert visit.page.locator("#fault-list [aria-pressed=true]").count() == 1
+        assert ticks == sorted(ticks)
+        visit.press("f", "Shift+F", "Shift+F")
+        assert visit.page.locator("#spot-text").text_content().startswith(f"Place {number - 1} of {number}: ")
         visit.press("Shift+F")
-        assert visit.page.locator("#spot-text").text_content() == first
-        assert "(fails 2 rules)" in visit.page.locator("#candidate-a option:checked").text_content()
+        visit.page.locator("#fault-list button").first.focus()
+        visit.press("f")
+        assert visit.state("document.activeElement.getAttribute('aria-pressed')") == "true"
+
+
+def test_a_place_before_the_history_is_shown_with_its_candidate_and_the_nominal(
+    browser: Any, damaged_page: Page
+) -> None:
+    with visits(browser, damaged_page.path, fragment="#play-0-BD-VAL-002-1") as visit:
+        assert visit.state("[player.tick, time.first, byId('time').min]") == [-100, -100, "-100"]
+        shown = "Object.fromEntries(player.group.futures.map((one) => [one.key, one.tick[0]]))"
+        begins = visit.state(shown)
+        assert begins["nominal"] == -BRANCH_TICK
+        assert begins["brake_0.50"] <= -BRANCH_TICK + 5  # its first place is no number
+        assert set(begins.values()) <= {-BRANCH_TICK, -BRANCH_TICK + 5, -80}
+        of = "[one.tick, one.x, one.gap, one.commandTick, one.commands[2]].map((two) => two.length)"
+        lengths = visit.state(f"player.group.futures.map((one) => {of})")
+        assert all(a == b == c and d == e for a, b, c, d, e in lengths)
+        assert "(fails 3 rules)" in visit.page.locator("#candidate-a option:checked").text_content()
 
 
 def test_groups_with_findings_are_filtered(browser: Any, damaged_page: Page) -> None:
