@@ -124,13 +124,13 @@ function drawCharts(chosen, shown, tick, spots) {
   const marks = spots.filter((spot) => spot.tick !== null && isInTime(spot.tick)).map((spot) => ({ tick: spot.tick, isChosen: spot === player.spot }));
   charts[0].draw(lines("speed"), null, tick, marks);
   charts[1].draw(lines("gap"), null, tick, marks);
-  // The nominal is drawn last and thin, so that both are seen where they are alike.
+  // The second is drawn thin over the first, so that both are seen where they are alike.
   const commanded = player.mode === "two" || main[0] === nominal ? main : [...main, nominal];
   byId("controls-title").textContent =
     `Commands of ${commanded.map(nameOf).join(" and ")}: steering (solid, right is positive), throttle (dashed), brake (dotted)`;
   charts[2].draw(
     commanded.flatMap((future) => future.commands.map((values, i) => ({
-      tick: future.commandTick, values, colour: inkOf(future), dash: [[], [7, 3], [2, 2.5]][i], width: main.includes(future) ? 2.4 : 1.1,
+      tick: future.commandTick, values, colour: inkOf(future), dash: [[], [7, 3], [2, 2.5]][i], width: future === main[0] ? 2.4 : 1.1,
     }))),
     [-1.05, 1.05], tick, marks,
   );
@@ -178,7 +178,7 @@ function fillChoices() {
     byId(id).replaceChildren(...group.futures.map((future, place) => made("option", `${nameOf(future)}${faultsText(place)}`, { value: place })));
   }
   player.a = Math.min(player.a, group.futures.length - 1);
-  if (player.b >= group.futures.length || player.b === player.a) player.b = group.futures.length > 1 ? 1 : 0;
+  if (player.b >= group.futures.length || player.b === player.a) player.b = player.a === 0 && group.futures.length > 1 ? 1 : 0;
   byId("candidate-a").value = player.a;
   byId("candidate-b").value = player.b;
   const families = new Map();
@@ -280,6 +280,7 @@ function chooseSpot(spot) {
   player.spot = spot;
   player.hiddenFamilies.delete(shared.bank[candidate(future)].family);
   if (player.mode === "all") player.mode = "one";
+  if (player.mode === "one") player.b = 0;
   if (player.mode === "one" || player.b !== spot.future) player.a = spot.future;
   setPlaying(false);
   if (spot.tick !== null) player.tick = withinTime(spot.tick);
