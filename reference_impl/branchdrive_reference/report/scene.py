@@ -40,9 +40,10 @@ _MOST_TRACKS = 80
 
 _MOST_BOX_M = 100.0
 
-_MOST_HISTORY_TICKS = 400
 _LEAD_TICKS = 20
-"""A group with a finding before the history that others show is shown from this long before it, if it is no older."""
+_MOST_HISTORY_TICKS = 400
+"""A group with a finding before the history that others show begins so long before it, and at most so long before the
+branch."""
 
 
 @dataclass(frozen=True, eq=False)

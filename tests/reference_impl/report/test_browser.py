@@ -371,6 +371,15 @@ def test_a_place_before_the_history_is_shown_with_its_candidate_and_the_nominal(
         assert "(fails 3 rules)" in visit.page.locator("#candidate-a option:checked").text_content()
 
 
+def test_a_speed_that_a_finding_doubts_stands_beside_that_of_the_positions(browser: Any, tmp_path: Path) -> None:
+    made(written(tmp_path / "d", {"observations": every("speed_mps", 30.0)}), tmp_path / "report.html")
+    with visits(browser, tmp_path / "report.html", fragment="#play-0") as visit:
+        visit.press("f")
+        said = visit.page.locator("#chart-speed figcaption").text_content()
+        assert "30.0 m/s, of the positions " in said
+        assert "of the positions 30.0" not in said
+
+
 def test_groups_with_findings_are_filtered(browser: Any, damaged_page: Page) -> None:
     with visits(browser, damaged_page.path) as visit:
         findings = visit.page.locator("select[data-filter=rules]")

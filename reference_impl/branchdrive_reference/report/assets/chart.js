@@ -144,6 +144,15 @@ class Chart {
   }
 }
 
+/** Speed by the way between observations, at the middle of each. */
+function wayOf({ tick, x, y }) {
+  const rows = tick.map((_, row) => row).slice(1);
+  return {
+    tick: rows.map((row) => (tick[row] + tick[row - 1]) / 2),
+    values: rows.map((row) => Math.hypot(x[row] - x[row - 1], y[row] - y[row - 1]) / ((tick[row] - tick[row - 1]) / 20)),
+  };
+}
+
 /** The value of a series at the last row up to a time; NaN before the first and a while after the last. */
 function valueAt(ticks, values, tick) {
   let found = NaN;

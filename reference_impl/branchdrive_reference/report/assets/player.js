@@ -106,6 +106,7 @@ function numberText(value, digits, unit) {
 }
 
 function stateText(future, tick) {
+  if (tick < future.tick[0]) return `shown from ${momentText(future.tick[0], future)}`;
   if (tick > future.tick.at(-1)) return `ended at ${momentText(future.tick.at(-1), future)}`;
   return `${numberText(valueAt(future.tick, future.speed, tick), 1, " m/s")}`;
 }
@@ -122,7 +123,11 @@ function drawCharts(chosen, shown, tick, spots) {
     contacts: chosen.includes(future) ? contactRows(future) : [],
   }));
   const marks = spots.filter((spot) => spot.tick !== null && isInTime(spot.tick)).map((spot) => ({ tick: spot.tick, isChosen: spot === player.spot }));
-  charts[0].draw(lines("speed"), null, tick, marks);
+  const isDoubted = spotsOf(player.group, main).some((spot) => spot.text.startsWith("speed_mps of observations"));
+  const way = wayOf(main[0]);
+  const drawnWay = isDoubted ? [{ ...way, colour: ink("fault"), dash: [2, 2], width: 1.6 }] : [];
+  byId("speed-title").textContent = `Speed, m/s${isDoubted ? "; of the positions dotted" : ""}`;
+  charts[0].draw([...lines("speed"), ...drawnWay], null, tick, marks);
   charts[1].draw(lines("gap"), null, tick, marks);
   // The second is drawn thin over the first, so that both are seen where they are alike.
   const commanded = player.mode === "two" || main[0] === nominal ? main : [...main, nominal];
@@ -135,7 +140,8 @@ function drawCharts(chosen, shown, tick, spots) {
     [-1.05, 1.05], tick, marks,
   );
   const said = (name, digits, unit) => main.map((future) => numberText(valueAt(future.tick, future[name], tick), digits, unit)).join(" · ");
-  charts[0].output.textContent = said("speed", 1, " m/s");
+  const wayText = isDoubted ? `, of the positions ${numberText(valueAt(way.tick, way.values, tick), 1, " m/s")}` : "";
+  charts[0].output.textContent = said("speed", 1, " m/s") + wayText;
   charts[1].output.textContent = said("gap", 1, " m");
   const commandText = (future) => future.commands.map((values) => numberText(valueAt(future.commandTick, values, tick), 2, "")).join(" / ");
   charts[2].output.textContent = commanded.map((future) => `${main.includes(future) ? "" : "nominal "}${commandText(future)}`).join(" · ");
