@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from branchdrive_reference.drawing.scene import HISTORY_TICKS
 from branchdrive_reference.report.packing import Packer, quantised
 from branchdrive_reference.report.scene import Future, Scene, Track
 
@@ -32,6 +33,7 @@ def encoded_scene(scene: Scene) -> dict[str, Any]:
     return {
         "box": [round(size, 3) for size in scene.box_m],
         "heading": round(scene.origin[2], 5),
+        "branch": nominal.branch_tick,
         "route": len(scene.route[0]),
         "futures": [_future(packer, future, nominal, scene.origin) for future in scene.futures],
         "data": packer.text(),
@@ -40,6 +42,8 @@ def encoded_scene(scene: Scene) -> dict[str, Any]:
 
 def _future(packer: Packer, future: Future, nominal: Future, origin: tuple[float, float, float]) -> dict[str, Any]:
     shares = future is not nominal and _shares_history(future, nominal)
+    if not (shares or future is nominal or future.is_marked):
+        future = future.since(-HISTORY_TICKS)
     rows = future.tick > 0 if shares else np.ones(len(future.tick), bool)
     commands = future.control_tick >= 0 if shares else np.ones(len(future.control_tick), bool)
     packer.add(future.tick[rows], order=2)
@@ -64,7 +68,8 @@ def _future(packer: Packer, future: Future, nominal: Future, origin: tuple[float
             _pack_places(packer, kept.x_m, kept.y_m, origin)
             packer.add(quantised(kept.yaw_rad, STEPS["yaw_rad"]), order=2)
         actors.append(entry)
-    return {
+    other_branch = {} if future.branch_tick == nominal.branch_tick else {"branch": future.branch_tick}
+    return other_branch | {
         "key": future.policy.key,
         "shares": shares,
         "rows": int(rows.sum()),

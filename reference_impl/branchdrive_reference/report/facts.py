@@ -26,10 +26,12 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.place import Place, open_store
 from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_layer_table
+from branchdrive.raw.funnel import STAGES
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.runtime.executor import Executor, in_process
-from branchdrive_reference.report.judgement import Judgement, judged
+from branchdrive_reference.report.fault import Fault, Faults
+from branchdrive_reference.report.judgement import judged
 from branchdrive_reference.report.scene import Scene, read_scene
 from branchdrive_reference.report.shard_rows import ShardRows
 from branchdrive_reference.study.label import label, sentence
@@ -40,6 +42,14 @@ __all__ = ["DatasetReport", "GroupFacts", "Seen", "read_report", "scenes"]
 
 _DOCUMENTS = (*REQUIRED.values(), *ADDED.values(), LATENCY_FILE)
 """Documents of a release that a report shows."""
+
+_LACKS = {
+    STAGES["bank"]: "bank not exact",
+    STAGES["controls"]: "controls not valid",
+    STAGES["integrity"]: "not integrity-complete",
+    STAGES["eligibility"]: "not structurally eligible",
+}
+"""What groups lack that are lost at a stage."""
 
 _MOST_FIGURE_BYTES = 1_500_000
 """Of all figures of a benchmark together; more are named and not shown."""
@@ -65,10 +75,10 @@ class GroupFacts:
 
     @property
     def outcome(self) -> str:
-        """Whether it qualifies, else where it is lost."""
+        """Whether it qualifies, else what it lacks."""
         if self.result is None:
             return "not judged"
-        return "qualifies" if self.result.qualifies else f"lost at: {self.result.stage}"
+        return "qualifies" if self.result.stage is None else _LACKS[self.result.stage]
 
 
 @dataclass(frozen=True)
@@ -230,19 +240,17 @@ class Seen(NamedTuple):
     Attributes:
         rows: Its shard.
         scene: What can be shown of it; that of a shard without a wanted group is empty.
-        judgement: What the rules say of the shard; ``None`` where they cannot judge it.
-        records: Rows of the rollouts table of the shard.
-        places: Those of the group.
+        faults: What is wrong in it.
+        is_judged: Whether rules judge the rows of the shard.
     """
 
     rows: ShardRows
     scene: Scene
-    judgement: Judgement | None = None
-    records: Sequence[Mapping[str, Any]] = ()
-    places: Sequence[int] = ()
+    faults: Sequence[Fault] = ()
+    is_judged: bool = False
 
 
-def scenes(dataset: Dataset, wanted: frozenset[str]) -> Iterator[Seen]:
+def scenes(dataset: Dataset, wanted: frozenset[str], faults: Faults) -> Iterator[Seen]:
     """The wanted groups with the shard of each, one shard in memory at a time."""
     descriptor = dataset.descriptor
     for shard in dataset.shards:
@@ -258,5 +266,7 @@ def scenes(dataset: Dataset, wanted: frozenset[str]) -> Iterator[Seen]:
         judgement = judged(rows, descriptor)
         for group_id, places in own.items():
             chosen = None if judgement is None else judgement.chosen.get(group_id)
-            scene = read_scene(rows, records, places, descriptor.action_bank, chosen)
-            yield Seen(rows, scene, judgement, records, places)
+            marks = faults.marks(group_id, judgement)
+            scene = read_scene(rows, records, places, descriptor.action_bank, chosen, marks)
+            found = faults.of(scene, records, places, judgement)
+            yield Seen(rows, scene, found, judgement is not None)

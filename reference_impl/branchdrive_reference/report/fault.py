@@ -122,14 +122,13 @@ class Faults:
             judgement: What the rules say of the shard; ``None`` where they cannot judge it.
         """
         name, rules = printable(scene.group_id[:128]), self.rules_of(scene.group_id)
-        own = {} if judgement is None else judgement.findings.get(name, {})
+        own = self._findings(name, judgement)
         places_of = {_printed(records[row]["rollout_id"]): row for row in reversed(rows)}
         attempts = {who: records[row] for who, row in places_of.items()}
         places = {_printed(future.rollout_id): place for place, future in enumerate(scene.futures)}
         found = []
         for rule_id in rules:
-            findings = own.get(rule_id) or self._kept.get(name, {}).get(rule_id, [])
-            spots = _spots(findings, scene, places, attempts)
+            spots = _spots(own.get(rule_id, ()), scene, places, attempts)
             futures = {spot.future for spot in spots} - {-1}
             if judgement is not None and rule_id in judgement.failed:
                 failed = judgement.failed[rule_id]
@@ -138,6 +137,22 @@ class Faults:
             extent = f"{number:,} of {counted(len(rows), 'attempt')}" if number else ""
             found.append(Fault(CATALOGUE[rule_id], extent, self._causes(rule_id, rules), sorted(futures), spots))
         return found
+
+    def marks(self, group_id: str, judgement: Judgement | None) -> dict[str, int]:
+        """First tick that a finding names of each attempt of a group, by its identity, printed."""
+        ticks: dict[str, int] = {}
+        own = self._findings(printable(group_id[:128]), judgement)
+        for rule_id in self.rules_of(group_id):
+            for finding in own.get(rule_id, ()):
+                if "tick" in finding.location and "rollout_id" in finding.location:
+                    who, tick = str(finding.location["rollout_id"]), int(finding.location["tick"])
+                    ticks[who] = min(tick, ticks.get(who, tick))
+        return ticks
+
+    def _findings(self, name: str, judgement: Judgement | None) -> dict[str, Sequence[Finding]]:
+        """Findings of a group by rule: those of its shard, and of other rules those that the report keeps."""
+        own = {} if judgement is None else judgement.findings.get(name, {})
+        return {**self._kept.get(name, {}), **{rule: found for rule, found in own.items() if found}}
 
     def _causes(self, rule_id: str, rules: Sequence[str]) -> list[str]:
         """Rules that may be why a rule fails, of those that the group fails and those on the whole dataset."""
@@ -169,8 +184,8 @@ def _spot(finding: Finding, scene: Scene, places: Mapping[str, int], attempts: M
     about, who = finding.location, str(finding.location.get("rollout_id", ""))
     future, record = places.get(who, -1), attempts.get(who)
     branch_tick: int | None = None if record is None else record["branch_tick"]
-    if future >= 0:
-        branch_tick = scene.futures[future].branch_tick
+    if scene.futures:
+        branch_tick = scene.futures[max(future, 0)].branch_tick
     tick = int(about["tick"]) - branch_tick if "tick" in about and branch_tick is not None else None
     actor_id = int(about["actor_id"]) if "actor_id" in about else None
     return Spot(finding, future, tick, actor_id, "" if future >= 0 else _attempt(record, about))

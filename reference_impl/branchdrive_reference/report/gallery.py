@@ -10,6 +10,7 @@ from branchdrive.contract.columns import PATTERNS
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import Finding
+from branchdrive.engine.group_result import GroupResult
 from branchdrive.text.brief import brief
 from branchdrive_reference.report.encode import encoded_scene
 from branchdrive_reference.report.facts import DatasetReport, GroupFacts, Seen, scenes
@@ -94,15 +95,12 @@ class Gallery:
         order = _mixed(report.groups, self.faults)[:_MOST_CARDS]
         roads = Roads(dataset.descriptor)
         share = IMAGE_BYTES // max(len(order), 1)
-        for seen in scenes(dataset, frozenset(group.group_id for group in order)):
+        for seen in scenes(dataset, frozenset(group.group_id for group in order), self.faults):
             roads.collect(seen.rows)
             if group_id := seen.scene.group_id:
-                found = self.faults.of(seen.scene, seen.records, seen.places, seen.judgement)
-                picture, document, contact = played_group(
-                    facts[group_id], seen, found, roads, dataset.descriptor, share
-                )
+                picture, document, contact = played_group(facts[group_id], seen, roads, dataset.descriptor, share)
                 self._found[group_id] = picture, island(document), contact
-                self._note(group_id, found)
+                self._note(group_id, seen.faults)
         self._choose(order)
         self.towns = roads.packed()
         shown = {group.group_id for group in order}
@@ -198,7 +196,6 @@ def _mixed(groups: Sequence[GroupFacts], faults: Faults) -> list[GroupFacts]:
 def played_group(
     group: GroupFacts,
     seen: Seen,
-    faults: Sequence[Fault],
     roads: Roads,
     descriptor: Descriptor,
     image_bytes: int,
@@ -206,15 +203,15 @@ def played_group(
     """Drawing, data for the player and contacts of a group."""
     scene, rows = seen.scene, seen.rows
     remarks = list(scene.remarks)
-    about = [label(group.scenario_type), label(group.town), group.partition, group.outcome]
+    branch = "" if scene.branch_tick is None else f"branch at tick {scene.branch_tick}"
+    about = [label(group.scenario_type), label(group.town), group.partition, group.outcome, branch]
     document: dict[str, Any] = {
         "name": label(group.group_id), "town": group.town,
         "about": " · ".join(text for text in about if text),
     }  # fmt: skip
     if group.result is not None and not group.result.qualifies:
-        (reason,) = brief(group.result.reason)
-        remarks.insert(0, f"It is {group.outcome}: {reason}.")
-    if seen.judgement is None:
+        remarks.insert(0, _why_lost(group.result))
+    if not seen.is_judged:
         remarks.append("Rules on rows did not run here; what is wrong with the files is in the report.")
     picture, contact = None, "unknown"
     if scene.futures:
@@ -234,6 +231,16 @@ def played_group(
             if len(scene.futures[0].contacts):
                 contact = "nominal touches"
     document["remarks"] = remarks
-    document["faults"] = [fault.to_json() for fault in faults]
+    document["faults"] = [fault.to_json() for fault in seen.faults]
     document["judged"] = group.result is not None
     return picture, document, contact
+
+
+def _why_lost(result: GroupResult) -> str:
+    """Why a group does not qualify, in a sentence or two."""
+    hint, _, title = result.reason.removesuffix(result.detail).rpartition("does not hold: ")
+    if not result.detail and not title:
+        return f"This group does not qualify: {result.reason}."
+    (detail,) = brief(result.detail)
+    said = f": {hint.rstrip('; ')}" if hint else ""
+    return f"This group does not qualify{said}. What it breaks is “{title}”{detail}."

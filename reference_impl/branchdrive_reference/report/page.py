@@ -256,14 +256,13 @@ def _beside(report: DatasetReport, gallery: Gallery, style: str, name: str) -> I
     facts = {group.group_id: group for group in gallery.beside}
     bank = report.dataset.descriptor.action_bank
     known = Roads(report.dataset.descriptor)
-    for seen in scenes(report.dataset, frozenset(facts)):
+    for seen in scenes(report.dataset, frozenset(facts), gallery.faults):
         known.collect(seen.rows)
         group_id = seen.scene.group_id
         if not group_id:
             continue
         group = facts[group_id]
-        faults = gallery.faults.of(seen.scene, seen.records, seen.places, seen.judgement)
-        _, document, _ = played_group(group, seen, faults, known, report.dataset.descriptor, _IMAGE_BYTES_BESIDE)
+        _, document, _ = played_group(group, seen, known, report.dataset.descriptor, _IMAGE_BYTES_BESIDE)
         elements = known.around(group.town, seen.scene) if seen.scene.futures else []
         towns = {group.town: packed_roads(elements)} if elements else {}
         shared = island(shared_data(bank, towns, gallery.faults.levels, report=f"../{name}"))

@@ -9,11 +9,11 @@ from typing import NamedTuple
 from branchdrive.engine.response_summary import Effect, ResponseSummary
 from branchdrive.raw.funnel import Funnel
 
-__all__ = ["Bar", "Forest", "forest", "funnel_bars"]
+__all__ = ["Bar", "Panel", "forest", "funnel_bars"]
 
 _BAR_WIDTH = 220
-_PANELS = ((150, 510), (560, 880))
-"""Left and right edge of the two panels."""
+_LEFT, _RIGHT = 130, 440
+"""Edges of a panel beside the names of the actions."""
 
 
 class Bar(NamedTuple):
@@ -34,14 +34,6 @@ class Tick(NamedTuple):
     is_zero: bool
 
 
-class Panel(NamedTuple):
-    """One quantity."""
-
-    title: str
-    left: int
-    ticks: Sequence[Tick]
-
-
 class Mark(NamedTuple):
     """A mean with its interval."""
 
@@ -50,18 +42,13 @@ class Mark(NamedTuple):
     high: float
 
 
-class Row(NamedTuple):
-    """One action."""
+class Panel(NamedTuple):
+    """One quantity, with the mark of every action."""
 
-    key: str
-    marks: Sequence[Mark]
-
-
-class Forest(NamedTuple):
-    """All actions."""
-
-    panels: Sequence[Panel]
-    rows: Sequence[Row]
+    title: str
+    left: int
+    ticks: Sequence[Tick]
+    rows: Sequence[tuple[str, Mark]]
 
 
 def funnel_bars(funnel: Funnel) -> list[Bar]:
@@ -76,11 +63,12 @@ def funnel_bars(funnel: Funnel) -> list[Bar]:
     ]  # fmt: skip
 
 
-def forest(response: ResponseSummary) -> Forest:
+def forest(response: ResponseSummary) -> list[Panel]:
     """Mean effects of all actions on the lateral place and on speed."""
     quantities = {"To the left, m": "lateral_m", "Faster, m/s": "speed_mps"}
-    panels, marks = [], []
-    for (title, name), (left, right) in zip(quantities.items(), _PANELS, strict=True):
+    panels = []
+    middle = (_LEFT + _RIGHT) / 2
+    for title, name in quantities.items():
         effects: list[Effect] = [getattr(action, name) for action in response.actions]
         ends = [
             value for effect in effects for value in (effect.mean, *(effect.interval or ())) if math.isfinite(value)
@@ -88,22 +76,20 @@ def forest(response: ResponseSummary) -> Forest:
         most = max((abs(value) for value in ends), default=1.0) or 1.0
         step = _step(most)
         reach = math.ceil(most / step) * step
-        middle, scale = (left + right) / 2, (right - left) / 2 / reach
+        scale = (_RIGHT - _LEFT) / 2 / reach
 
-        def placed(value: float, middle: float = middle, scale: float = scale) -> float:
+        def placed(value: float, scale: float = scale) -> float:
             return round(middle + scale * value, 1) if math.isfinite(value) else middle
 
         num = round(reach / step)
         values = [i * step for i in range(-num, num + 1)]
-        panels.append(Panel(title, left, [Tick(placed(v), f"{v:g}", v == 0) for v in values]))
-        marks.append(
-            [
-                Mark(placed(effect.mean), *map(placed, effect.interval or (effect.mean, effect.mean)))
-                for effect in effects
-            ]
-        )
-    rows = [Row(action.action_key, pair) for action, *pair in zip(response.actions, *marks, strict=True)]
-    return Forest(panels, rows)
+        ticks = [Tick(placed(v), f"{v:g}", v == 0) for v in values]
+        marks = [
+            Mark(placed(effect.mean), *map(placed, effect.interval or (effect.mean, effect.mean))) for effect in effects
+        ]
+        keys = [action.action_key for action in response.actions]
+        panels.append(Panel(title, _LEFT, ticks, list(zip(keys, marks, strict=True))))
+    return panels
 
 
 def _step(most: float) -> float:

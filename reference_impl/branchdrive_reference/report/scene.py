@@ -40,6 +40,11 @@ _MOST_TRACKS = 80
 
 _MOST_BOX_M = 100.0
 
+_LEAD_TICKS = 20
+_MOST_HISTORY_TICKS = 400
+"""A group with a finding before the history that others show begins so long before it, and at most so long before the
+branch."""
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -89,6 +94,7 @@ class Future:
         control_tick: Ticks of its commands since the branch ``[commands]``.
         controls: Steering, throttle and brake as applied, NaN where unknown ``[3, commands]``.
         tracks: Actors by identity.
+        is_marked: Whether a finding marks a tick of it before the history that other groups show.
     """
 
     policy: Policy
@@ -104,6 +110,20 @@ class Future:
     control_tick: Ticks
     controls: Array
     tracks: Mapping[int, Track]
+    is_marked: bool = False
+
+    def since(self, tick: int) -> Future:
+        """The candidate without what was before a tick."""
+        rows, commands = self.tick >= tick, self.control_tick >= tick
+        names = ("tick", "x_m", "y_m", "yaw_rad", "speed_mps", "gap_m", "touched")
+        tracks = {name: track.only(track.tick >= tick) for name, track in self.tracks.items()}
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in names},
+            control_tick=self.control_tick[commands],
+            controls=self.controls[:, commands],
+            tracks={name: track for name, track in tracks.items() if len(track.tick)},
+        )
 
     @property
     def ends_early(self) -> bool:
@@ -128,6 +148,7 @@ class Scene:
         box_m: Length and width of the ego.
         route: Vertices of the route.
         remarks: What cannot be drawn and why, a sentence each.
+        branch_tick: As recorded; ``None`` where no attempt has one.
     """
 
     group_id: str
@@ -136,6 +157,7 @@ class Scene:
     box_m: tuple[float, float] = (4.6, 1.9)
     route: tuple[Array, Array] = field(default_factory=lambda: (np.zeros(0), np.zeros(0)))
     remarks: Sequence[str] = ()
+    branch_tick: int | None = None
 
 
 def read_scene(
@@ -144,6 +166,7 @@ def read_scene(
     rows: Sequence[int],
     bank: ActionBank,
     chosen: Sequence[int] | None,
+    marks: Mapping[str, int],
 ) -> Scene:
     """What can be shown of a group.
 
@@ -153,12 +176,15 @@ def read_scene(
         rows: Those of the group.
         bank: The dataset's action bank.
         chosen: The canonical attempt of every policy, -1 for none; ``None`` where it is unknown.
+        marks: First tick of an attempt that a finding names, by its identity.
     """
     group_id = str(records[rows[0]]["group_id"])
+    branch_tick = next((records[row]["branch_tick"] for row in rows if records[row]["branch_tick"] is not None), None)
     if "observations" not in shard.streams:
-        return Scene(group_id, (), remarks=("No future is drawn: the table of observations cannot be read.",))
+        said = "No future is drawn: the table of observations cannot be read."
+        return Scene(group_id, (), remarks=(said,), branch_tick=branch_tick)
     remarks: list[str] = []
-    futures: list[Future] = []
+    drawn: list[tuple[Policy, int]] = []
     for policy in (bank.nominal, *bank.interventions):
         place = bank.policies.index(policy)
         row = -1 if chosen is None else chosen[place]
@@ -170,26 +196,46 @@ def read_scene(
             if chosen is not None:
                 status = label(str(records[row]["status"]))
                 remarks.append(f"{label(policy.key)}: no complete attempt; what is shown is one that is {status}.")
-        found = _future(shard, records[row], policy)
+        drawn.append((policy, row))
+    early = _early_marks([records[row] for _, row in drawn], marks)
+    start = max(min(early.values(), default=0) - _LEAD_TICKS, -_MOST_HISTORY_TICKS) if early else -HISTORY_TICKS
+    futures: list[Future] = []
+    for policy, row in drawn:
+        found = _future(shard, records[row], policy, start, records[row]["rollout_id"] in early)
         if isinstance(found, Future):
             futures.append(found)
         else:
             remarks.append(f"{label(policy.key)}: {found}.")
     remarks += _lacking(shard)
     if not futures:
-        return Scene(group_id, (), remarks=(*remarks, "No candidate of this group can be drawn."))
+        said = "No candidate of this group can be drawn."
+        return Scene(group_id, (), remarks=(*remarks, said), branch_tick=branch_tick)
     first = futures[0]
     record = next(records[row] for row in rows if records[row]["rollout_id"] == first.rollout_id)
     at = int(np.argmin(np.abs(first.tick)))
     origin = (float(first.x_m[at]), float(first.y_m[at]), float(first.yaw_rad[at]))
     if record["branch_tick"] is None:
         remarks.insert(0, "No attempt has a branch: times count from the first observation.")
-    near = [one for one in futures if _is_near(one, origin)]
+    near = []
     for one in futures:
-        if one not in near:
+        own = one if _is_near(one, origin) else one.since(-HISTORY_TICKS)
+        if _is_near(own, origin):
+            near.append(own)
+        else:
             remarks.append(f"{label(one.policy.key)}: it goes farther than {_AWAY_M:,.0f} m from the branch.")
-    route = shard.route(next(row for row in rows if records[row] is record))
-    return Scene(group_id, _with_nearest(near), origin, _box(record, remarks), _finite(route, origin), tuple(remarks))
+    route = _finite(shard.route(next(row for row in rows if records[row] is record)), origin)
+    box = _box(record, remarks)
+    return Scene(group_id, _with_nearest(near), origin, box, route, tuple(remarks), branch_tick)
+
+
+def _early_marks(records: Sequence[Mapping[str, Any]], marks: Mapping[str, int]) -> dict[str, int]:
+    """Ticks since the branch of marks before the history that other groups show, by attempt."""
+    found = {}
+    for record in records:
+        mark, branch = marks.get(record["rollout_id"]), record["branch_tick"]
+        if mark is not None and branch is not None and mark - branch < -HISTORY_TICKS:
+            found[record["rollout_id"]] = mark - branch
+    return found
 
 
 def _stand_in(records: Sequence[Mapping[str, Any]], rows: Sequence[int], key: str) -> int:
@@ -208,8 +254,8 @@ def _lacking(shard: ShardRows) -> list[str]:
     return [text for name, text in said.items() if name not in shard.streams]
 
 
-def _future(shard: ShardRows, record: Mapping[str, Any], policy: Policy) -> Future | str:
-    """A candidate, or why it cannot be drawn."""
+def _future(shard: ShardRows, record: Mapping[str, Any], policy: Policy, start: int, is_marked: bool) -> Future | str:
+    """A candidate from a tick since the branch on, or why it cannot be drawn."""
     rollout_id, branch = str(record["rollout_id"]), record["branch_tick"]
     stream = shard.streams["observations"]
     rows = stream.span(rollout_id)
@@ -219,22 +265,24 @@ def _future(shard: ShardRows, record: Mapping[str, Any], policy: Policy) -> Futu
     zero = int(tick[0]) if branch is None else int(branch)
     columns = [stream.numbers(name, rows) for name in ("x_m", "y_m", "yaw_rad", "speed_mps")]
     is_pose = np.all([np.abs(values) <= _LARGEST for values in columns[:3]], axis=0)
-    kept = np.flatnonzero(is_pose & _in_view(tick - zero))
+    kept = np.flatnonzero(is_pose & _in_view(tick - zero, start))
     kept = kept[np.unique(tick[kept], return_index=True)[1]]
-    if not len(kept):
+    if not (tick[kept] - zero >= -HISTORY_TICKS).any():
         return "no observation within the horizon has a place"
     tick = tick[kept] - zero
     x, y, yaw, speed = (values[kept] for values in columns)
     gap, touched = _evidence(shard.streams.get("evidence"), rollout_id, tick + zero)
-    control_tick, controls = _controls(shard.streams.get("controls"), rollout_id, zero)
+    control_tick, controls = _controls(shard.streams.get("controls"), rollout_id, zero, start)
     actors = shard.streams.get("actors")
     tracks = {} if actors is None else _tracks(actors, rollout_id, zero, (tick, x, y))
     yaw = np.unwrap(yaw)
-    return Future(policy, rollout_id, zero, tick, x, y, yaw, speed, gap, touched, control_tick, controls, tracks)
+    return Future(
+        policy, rollout_id, zero, tick, x, y, yaw, speed, gap, touched, control_tick, controls, tracks, is_marked
+    )
 
 
-def _in_view(tick: Ticks) -> NDArray[np.bool_]:
-    return np.asarray((tick >= -HISTORY_TICKS) & (tick <= HORIZON_TICKS))
+def _in_view(tick: Ticks, start: int) -> NDArray[np.bool_]:
+    return np.asarray((tick >= start) & (tick <= HORIZON_TICKS))
 
 
 def _evidence(stream: TickRows | None, rollout_id: str, tick: Ticks) -> tuple[Array, NDArray[np.bool_]]:
@@ -254,12 +302,12 @@ def _evidence(stream: TickRows | None, rollout_id: str, tick: Ticks) -> tuple[Ar
     return gap, touched
 
 
-def _controls(stream: TickRows | None, rollout_id: str, zero: int) -> tuple[Ticks, Array]:
+def _controls(stream: TickRows | None, rollout_id: str, zero: int, start: int) -> tuple[Ticks, Array]:
     if stream is None:
         return np.zeros(0, np.int64), np.zeros((3, 0))
     rows = stream.span(rollout_id)
     tick = stream.numbers("tick", rows).astype(np.int64) - zero
-    kept = np.flatnonzero(_in_view(tick))
+    kept = np.flatnonzero(_in_view(tick, start))
     kept = kept[np.unique(tick[kept], return_index=True)[1]]
     return tick[kept], np.stack([stream.numbers(name, rows)[kept] for name in CONTROLS])
 

@@ -13,12 +13,16 @@ import json
 import re
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any
 
 __all__ = ["asset", "island", "rendered_page"]
 
-_SCRIPTS = ("decode.js", "theme.js", "gallery.js", "map.js", "chart.js", "faults.js", "player.js")
+_SCRIPTS = ("decode.js", "theme.js", "gallery.js", "map.js", "chart.js", "faults.js", "player.js", "controls.js")
 """In the order in which they run."""
+
+_WORD = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[-_.])(?=[^-_.])")
+"""Places between the words of a name."""
 
 _RULE = re.compile(r"\bBD-[A-Z]{3}-[0-9]{3}\b")
 
@@ -38,6 +42,7 @@ def _environment() -> Any:
     )
     found.filters["ticked"] = _ticked
     found.filters["rules_linked"] = _rules_linked
+    found.filters["breakable"] = _breakable
     return found
 
 
@@ -57,6 +62,23 @@ def _rules_linked(text: str) -> Any:
     from markupsafe import Markup, escape
 
     return Markup(_RULE.sub(r'<a href="#\g<0>">\g<0></a>', str(escape(text))))  # noqa: S704  (escaped)
+
+
+def _breakable(text: str, words: str = "") -> Any:
+    """Text that a line may break between the words of.
+
+    Args:
+        text: What is escaped.
+        words: Text with capitals whose words are those of `text`, which has it in other case.
+    """
+    from markupsafe import Markup, escape
+
+    at = text.lower().find(words.lower()) if words else -1
+    ends = {match.start() for match in _WORD.finditer(text)}
+    if at >= 0:
+        ends |= {at + match.start() for match in _WORD.finditer(words)}
+    cuts = [0, *sorted(ends), len(text)]
+    return Markup("<wbr>").join(escape(text[a:b]) for a, b in pairwise(cuts))
 
 
 def island(document: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-__all__ = ["Visit", "chromium", "visits"]
+__all__ = ["Visit", "chromium", "drawn", "opened", "violations", "visits"]
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 
@@ -90,3 +90,24 @@ def visits(
         assert visit.asked == []
     finally:
         context.close()
+
+
+def opened(visit: Visit, place: int = 0) -> None:
+    """Open the player by keyboard alone."""
+    visit.page.locator("button.open").nth(place).focus()
+    visit.press("Enter")
+    assert visit.state("dialog.open")
+
+
+def violations(page: Any) -> list[str]:
+    """What axe-core finds, each with the first element."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found]
+
+
+def drawn(visit: Visit, figure: str) -> str:
+    """A canvas as text that changes with what it shows."""
+    found: str = visit.state(f"document.querySelector('{figure} canvas').toDataURL()")
+    return found

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.audits import remember_audits
+from tests.reference_impl.report.browser import chromium
 from tests.reference_impl.report.reading import Page, made
 from tests.reference_impl.report.samples import damaged, written
 
@@ -32,6 +35,13 @@ def damaged_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def damaged_page(damaged_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
     """Its report."""
     return made(damaged_dataset, tmp_path_factory.mktemp("report") / "damaged.html")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A running browser."""
+    with chromium() as found:
+        yield found
 
 
 @pytest.fixture(autouse=True)

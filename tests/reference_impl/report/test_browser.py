@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.reference_impl.report.browser import Visit, chromium, visits
-from tests.reference_impl.report.reading import Page, made
+from tests.reference_impl.report.browser import drawn, opened, violations, visits
+from tests.reference_impl.report.reading import made
 from tests.reference_impl.report.samples import HOSTILE, every, written
 from tests.sampling import THOROUGH
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
+from tests.synthetic import BRANCH_TICK
 
 
 @pytest.fixture(scope="module")
@@ -24,21 +18,6 @@ def path(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("browser") / "report.html"
     made(dataset, output)
     return output
-
-
-def opened(visit: Visit, place: int = 0) -> None:
-    """Open the player by keyboard alone."""
-    visit.page.locator("button.open").nth(place).focus()
-    visit.press("Enter")
-    assert visit.state("dialog.open")
-
-
-def violations(page: Any) -> list[str]:
-    """What axe-core finds, each with the first element."""
-    from axe_playwright_python.sync_playwright import Axe
-
-    found = Axe().run(page).response["violations"]
-    return [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found]
 
 
 @pytest.mark.parametrize(
@@ -58,6 +37,8 @@ def test_axe_finds_nothing_and_nothing_runs_over(scheme: str, width: int, browse
         for mode in "132":
             visit.press(mode)
             assert visit.state("dialog.scrollWidth <= dialog.clientWidth")
+        over = "(one) => one.getBoundingClientRect().right > innerWidth || one.scrollWidth > one.clientWidth + 1"
+        assert not visit.state(f"[...dialog.querySelectorAll('.outcomes, button')].some({over})")
         assert violations(visit.page) == []
 
 
@@ -81,6 +62,9 @@ def test_filters_leave_the_groups_that_were_asked_for(browser: Any, path: Path) 
         shown = visit.page.locator(".card:visible")
         assert shown.count() == 1
         assert visit.page.locator("#shown-groups").text_content() == "1 of 3 groups"
+        visit.page.locator("#reset-filters").click()
+        assert shown.count() == 3
+        assert visit.page.locator("#reset-filters").is_hidden()
 
 
 def test_every_control_of_the_player_is_reached_by_tab_and_has_a_name(browser: Any, path: Path) -> None:
@@ -109,7 +93,9 @@ def test_keys_move_time_choose_modes_and_leave(browser: Any, path: Path) -> None
         opened(visit)
         visit.press("ArrowRight", "ArrowRight")
         assert visit.state("player.tick") == 10
-        assert "+0.50 s, intervention" in visit.page.locator("#time-text").text_content()
+        assert visit.page.locator("#time-text").text_content() == f"tick {BRANCH_TICK + 10}, +0.50 s, intervention"
+        assert f"branch at tick {BRANCH_TICK}" in visit.page.locator("#player-facts").text_content()
+        assert visit.state("[time.first, byId('time').min]") == [-80, "-80"]
         visit.press("ArrowLeft")
         assert visit.state("player.tick") == 5
         visit.press("Home")
@@ -124,9 +110,70 @@ def test_keys_move_time_choose_modes_and_leave(browser: Any, path: Path) -> None
         assert visit.page.locator("#player-title").text_content() == "g1"
         visit.press("p")
         assert visit.page.locator("#player-title").text_content() == "g0"
+        visit.press("?")
+        assert visit.page.locator("#keys").is_visible()
+        visit.press("?")
+        assert visit.page.locator("#keys").is_hidden()
         visit.press("Escape")
         assert not visit.state("dialog.open")
         assert visit.state("document.activeElement.dataset.place") == "0"
+
+
+def test_space_plays_whatever_was_clicked_before(browser: Any, path: Path) -> None:
+    with visits(browser, path) as visit:
+        opened(visit)
+        for control in (
+            "#next-group",
+            "#player-theme",
+            "#zoom-in",
+            "#follow",
+            "input[value=two]",
+            "#time",
+            "#previous-group",
+        ):
+            visit.page.locator(f"#player {control}").click()
+            visit.press("Space")
+            assert visit.state("player.isPlaying"), control
+            visit.press("Space")
+            assert not visit.state("player.isPlaying"), control
+        assert visit.state("[player.place, player.mode, player.follow]") == [0, "two", True]
+        visit.page.locator("#next-group").focus()
+        visit.press("Enter")
+        assert visit.state("player.place") == 1
+
+
+def test_keys_work_after_a_choice_in_a_list_and_boxes_keep_theirs(browser: Any, path: Path) -> None:
+    with visits(browser, path) as visit:
+        opened(visit)
+        visit.page.locator("#candidate-a").click()
+        visit.press("ArrowDown", "Enter")
+        assert visit.state("player.a") == 1
+        visit.press("3", "ArrowRight")
+        assert visit.state("[player.mode, player.a, player.tick]") == ["all", 1, 5]
+        visit.page.locator("#candidate-a").focus()
+        visit.press("ArrowDown", "ArrowDown", "2")
+        assert visit.state("[player.mode, player.a, document.activeElement.id]") == ["two", 3, "candidate-a"]
+        visit.page.locator("input[value=two]").focus()
+        visit.press("ArrowRight")
+        assert visit.state("[player.mode, document.activeElement.value]") == ["all", "all"]
+        visit.page.locator("#follow").focus()
+        visit.press("Space")
+        assert visit.state("[player.follow, player.isPlaying]") == [True, False]
+
+
+def test_all_candidates_stand_beside_the_chosen_one(browser: Any, path: Path) -> None:
+    with visits(browser, path) as visit:
+        opened(visit)
+        visit.page.locator("#candidate-a").select_option("3")
+        commands = visit.page.locator("#chart-controls figcaption")
+        for mode in "13":
+            visit.press(mode)
+            assert commands.text_content().startswith("Commands of accelerate 0.80 and nominal: ")
+            assert " · nominal " in commands.text_content()
+        assert "accelerate 0.80 filled" in visit.page.locator("#map-a figcaption").text_content()
+        before = drawn(visit, "#map-a")
+        visit.page.locator("#candidate-a").select_option("5")
+        assert drawn(visit, "#map-a") != before
 
 
 def test_play_runs_to_the_horizon_and_pauses(browser: Any, path: Path) -> None:
@@ -143,12 +190,6 @@ def test_play_runs_to_the_horizon_and_pauses(browser: Any, path: Path) -> None:
         assert visit.page.locator("#play").text_content() == "Play"
         visit.press("Space")
         visit.until("player.tick === 130 && !player.isPlaying")
-
-
-def drawn(visit: Visit, figure: str) -> str:
-    """A canvas as text that changes with what it shows."""
-    found: str = visit.state(f"document.querySelector('{figure} canvas').toDataURL()")
-    return found
 
 
 def test_what_is_shown_changes_with_time_candidate_and_families(browser: Any, path: Path) -> None:
@@ -198,76 +239,6 @@ def test_places_are_those_that_were_recorded(browser: Any, path: Path, dataset: 
             for place, name in ((1, "x_m"), (2, "y_m")):
                 assert np.allclose(found[place], rollout.column("observations", name)[seen], atol=0.031)
             assert set(found[3]) <= set(rollout.column("actors", "actor_id").tolist())
-
-
-def test_what_of_a_damaged_group_is_drawn_and_what_is_not_is_said(browser: Any, damaged_page: Page) -> None:
-    with visits(browser, damaged_page.path, width=390, scheme="dark") as visit:
-        assert violations(visit.page) == []
-        opened(visit)
-        said = visit.page.locator("#player-remarks").text_content()
-        assert "no attempt is recorded" in said
-        for mode in "123":
-            visit.press(mode, "ArrowRight")
-            assert visit.state("dialog.scrollWidth <= dialog.clientWidth")
-        assert "brake 0.30, attempt 1 (not drawn)" in visit.page.locator("#fault-list").text_content()
-        assert violations(visit.page) == []
-        visit.press("n")
-        assert visit.page.locator("#player-whole").is_hidden()
-        assert "Floating-point values are finite" in visit.page.locator("#fault-list").text_content()
-        assert visit.page.locator("#fault-list button").count() == 0
-        assert violations(visit.page) == []
-        visit.press("n")
-        assert "No rule finds anything" in visit.page.locator("#faults").text_content()
-
-
-def test_the_example_of_a_finding_leads_to_its_place_in_the_player_and_back(browser: Any, damaged_page: Page) -> None:
-    with visits(browser, damaged_page.path) as visit:
-        example = visit.page.locator("#BD-VAL-002 a.play[href='#play-0-BD-VAL-002-0']")
-        example.focus()
-        visit.press("Enter")
-        shown = visit.state("[player.group.name, nameOf(chosenFutures()[0]), player.tick]")
-        assert shown == ["g0", "accelerate 0.50", 20]
-        assert "yaw_rad of actors" in visit.page.locator("#spot-text").text_content()
-        pressed = visit.page.locator("#fault-list button[aria-pressed=true]")
-        assert pressed.text_content() == "accelerate 0.50, actor 1, at +1.00 s"
-        assert visit.state("document.activeElement.getAttribute('aria-pressed')") == "true"
-        assert violations(visit.page) == []
-        visit.press("Escape")
-        assert visit.state("document.activeElement.hash") == "#play-0-BD-VAL-002-0"
-        visit.press("Enter")
-        visit.page.locator("#fault-list a", has_text="BD-VAL-002").focus()
-        visit.press("Enter")
-        assert not visit.state("dialog.open")
-        assert visit.state("document.activeElement.closest('article').id") == "BD-VAL-002"
-
-
-def test_places_of_findings_are_marked_on_time_and_map_and_reached_by_keys(browser: Any, damaged_page: Page) -> None:
-    with visits(browser, damaged_page.path, fragment="#play-0-BD-VAL-002-0") as visit:
-        marks = "[...document.querySelectorAll('#time-marks span')].map((one) => one.textContent + one.className)"
-        assert sorted(visit.state(marks)) == ["▼chosen", "◀"]  # the other begins before what is shown
-        (left,) = visit.state("[...document.querySelectorAll('#time-marks .chosen')].map((one) => one.offsetLeft)")
-        thumb = visit.state("(() => { const one = byId('time'); return 8 + (one.clientWidth - 16) * 100 / 210; })()")
-        assert abs(left - thumb) < 2
-        figures = ("#map-a", "#chart-speed")
-        with_marks = {figure: drawn(visit, figure) for figure in figures}
-        visit.state("player.group.spots = []; redraw()")
-        assert all(drawn(visit, figure) != with_marks[figure] for figure in figures)
-    with visits(browser, damaged_page.path, fragment="#play-0") as visit:
-        visit.press("f")
-        first = visit.page.locator("#spot-text").text_content()
-        visit.press("f")
-        assert visit.page.locator("#spot-text").text_content() != first
-        visit.press("Shift+F")
-        assert visit.page.locator("#spot-text").text_content() == first
-        assert "(fails 2 rules)" in visit.page.locator("#candidate-a option:checked").text_content()
-
-
-def test_groups_with_findings_are_filtered(browser: Any, damaged_page: Page) -> None:
-    with visits(browser, damaged_page.path) as visit:
-        findings = visit.page.locator("select[data-filter=rules]")
-        for value, names in (("with findings", ["g0", "g1"]), ("no finding", ["g2"]), ("BD-VAL-002", ["g0"])):
-            findings.select_option(value)
-            assert visit.page.locator(".card:visible h3").all_text_contents() == names
 
 
 def test_hostile_text_is_shown_and_does_nothing(browser: Any, tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 const HISTORY_TICK = -80;
 const HORIZON_TICK = 130;
+
+/** The first tick of the group that is open: earlier than the history where a finding is. */
+const time = { first: HISTORY_TICK };
 const LEFT = 38;
 const RIGHT = 8;
 const TOP = 8;
@@ -18,7 +21,7 @@ class Chart {
     const point = (event) => {
       const place = event.clientX - this.canvas.getBoundingClientRect().left;
       const share = (place - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
-      onTime(Math.round(HISTORY_TICK + share * (HORIZON_TICK - HISTORY_TICK)));
+      onTime(Math.round(time.first + share * (HORIZON_TICK - time.first)));
     };
     this.canvas.addEventListener("pointerdown", (event) => {
       this.canvas.setPointerCapture(event.pointerId);
@@ -46,7 +49,7 @@ class Chart {
     pen.fillRect(0, 0, width, height);
     const [low, high] = range ?? this.fitted(lines);
     const right = width - RIGHT;
-    const x = (at) => LEFT + ((at - HISTORY_TICK) / (HORIZON_TICK - HISTORY_TICK)) * (right - LEFT);
+    const x = (at) => LEFT + ((at - time.first) / (HORIZON_TICK - time.first)) * (right - LEFT);
     const y = (value) => height - BOTTOM - ((value - low) / (high - low)) * (height - BOTTOM - TOP);
     pen.fillStyle = ink("window");
     pen.fillRect(x(0), TOP, x(50) - x(0), height - BOTTOM - TOP);
@@ -102,7 +105,8 @@ class Chart {
     }
     pen.textAlign = "center";
     pen.textBaseline = "top";
-    for (const tick of [-80, -40, 0, 40, 80, 120]) {
+    const stride = HORIZON_TICK - time.first > 300 ? 80 : 40;
+    for (let tick = Math.ceil(time.first / stride) * stride; tick < HORIZON_TICK; tick += stride) {
       pen.fillText(`${tick > 0 ? "+" : ""}${tick / 20} s`, Math.max(x(tick), LEFT + 12), height - BOTTOM + 6);
     }
   }
@@ -138,6 +142,15 @@ class Chart {
     }
     pen.globalAlpha = 1;
   }
+}
+
+/** Speed by the way between observations, at the middle of each. */
+function wayOf({ tick, x, y }) {
+  const rows = tick.map((_, row) => row).slice(1);
+  return {
+    tick: rows.map((row) => (tick[row] + tick[row - 1]) / 2),
+    values: rows.map((row) => Math.hypot(x[row] - x[row - 1], y[row] - y[row - 1]) / ((tick[row] - tick[row - 1]) / 20)),
+  };
 }
 
 /** The value of a series at the last row up to a time; NaN before the first and a while after the last. */

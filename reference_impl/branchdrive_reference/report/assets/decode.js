@@ -50,7 +50,9 @@ function decodedGroup(packed, steps) {
   const places = (count) => [series.numbers(count, steps.place_m, 2), series.numbers(count, steps.place_m, 2)];
   const [routeX, routeY] = places(packed.route);
   const futures = [];
-  for (const one of packed.futures) futures.push(decodedFuture(one, series, steps, places, futures[0]));
+  for (const one of packed.futures) {
+    futures.push({ branch: one.branch ?? packed.branch, ...decodedFuture(one, series, steps, places, futures[0]) });
+  }
   return { ...packed, route: { x: routeX, y: routeY }, futures };
 }
 

@@ -4,15 +4,26 @@
 function decodedFaults(group) {
   return group.faults.map((fault) => {
     const [title, level] = shared.rules[fault.rule];
-    const spots = fault.spots.map(([future, tick, actor, attempt, count, text]) => ({
-      rule: fault.rule, future, tick, actor, attempt, count, text: fault.texts[text] ?? "",
+    const spots = fault.spots.map(([future, tick, actor, attempt, count, text], number) => ({
+      rule: fault.rule, number, future, tick, actor, attempt, count, text: fault.texts[text] ?? "",
     }));
     return { ...fault, title, level, spots };
   });
 }
 
-const isInTime = (tick) => tick >= HISTORY_TICK && tick <= HORIZON_TICK;
+/** Places that can be gone to, by time and attempt; those of a whole attempt come last. */
+function orderedSpots(faults) {
+  const order = (spot) => spot.tick ?? Infinity;
+  return faults.flatMap((fault) => fault.spots).filter((spot) => spot.future >= 0)
+    .sort((a, b) => (order(a) === order(b) ? a.future - b.future : order(a) - order(b)));
+}
+
+const isInTime = (tick) => tick >= time.first && tick <= HORIZON_TICK;
+const withinTime = (tick) => Math.max(time.first, Math.min(HORIZON_TICK, tick));
 const secondsText = (tick) => `${tick < 0 ? "−" : "+"}${Math.abs(tick / 20).toFixed(2)} s`;
+
+/** A time since the branch, after the tick of the attempt. */
+const momentText = (tick, future) => joined([future && `tick ${Math.floor(future.branch + tick)}`, secondsText(tick)]);
 
 /** Whom a spot is about, in words, with what of it is not drawn. */
 function whoText(spot, group) {
@@ -27,10 +38,10 @@ function actorText(spot, group) {
   return `actor ${spot.actor}${!future || future.tracks.has(spot.actor) ? "" : " (not drawn)"}`;
 }
 
-function timeOfSpot(spot) {
+function timeOfSpot(spot, group) {
   if (spot.tick === null) return "";
-  const aside = spot.tick < HISTORY_TICK ? ", before what is shown" : spot.tick > HORIZON_TICK ? ", after what is shown" : "";
-  return `at ${secondsText(spot.tick)}${aside}`;
+  const aside = isInTime(spot.tick) ? "" : spot.tick < 0 ? ", before what is shown" : ", after what is shown";
+  return `at ${momentText(spot.tick, group.futures[Math.max(spot.future, 0)])}${aside}`;
 }
 
 const joined = (words, sign = ", ") => words.filter(Boolean).join(sign);
@@ -38,7 +49,7 @@ const countText = (spot) => (spot.count > 1 ? `first of ${spot.count.toLocaleStr
 
 /** Where a spot is, in words. */
 function spotText(spot, group) {
-  return joined([whoText(spot, group), actorText(spot, group), joined([countText(spot), timeOfSpot(spot)], " ")]);
+  return joined([whoText(spot, group), actorText(spot, group), joined([countText(spot), timeOfSpot(spot, group)], " ")]);
 }
 
 /** Spots of some futures, those that can be gone to. */
@@ -55,7 +66,7 @@ const SPOTS_LISTED = 6;
 
 /** Spots of which the same is said, as buttons for those that can be gone to. */
 function spotLists(text, spots, group, choose) {
-  const where = new Set(spots.map((spot) => joined([actorText(spot, group), timeOfSpot(spot)], " ")));
+  const where = new Set(spots.map((spot) => joined([actorText(spot, group), timeOfSpot(spot, group)], " ")));
   const isShared = spots.length > 1 && where.size === 1 && !where.has("");
   const items = spots.map((spot) => {
     const words = isShared ? joined([whoText(spot, group), countText(spot)]) : spotText(spot, group);
@@ -124,13 +135,13 @@ function drawTimeMarks(spots, chosen, choose) {
   const ticks = new Map();
   for (const spot of spots) {
     if (spot.tick === null) continue;
-    const tick = Math.max(HISTORY_TICK, Math.min(HORIZON_TICK, spot.tick));
+    const tick = withinTime(spot.tick);
     if (!ticks.has(tick) || spot === chosen) ticks.set(tick, spot);
   }
   byId("time-marks").replaceChildren(...[...ticks].map(([tick, spot]) => {
     const sign = spot.tick < tick ? "◀" : spot.tick > tick ? "▶" : spot === chosen ? "▼" : "▽";
     const mark = made("span", sign, { title: `${spot.rule}: ${spotText(spot, player.group)}` });
-    const share = (tick - HISTORY_TICK) / (HORIZON_TICK - HISTORY_TICK);
+    const share = (tick - time.first) / (HORIZON_TICK - time.first);
     mark.style.left = `calc(0.5rem + ${share} * (100% - 1rem))`;
     mark.classList.toggle("chosen", spot === chosen);
     mark.addEventListener("click", () => choose(spot));

@@ -4,6 +4,7 @@ const filters = document.getElementById("filters");
 if (filters !== null) {
   const cards = [...document.querySelectorAll("#cards > .card")];
   const selects = [...filters.querySelectorAll("select")];
+  const reset = document.getElementById("reset-filters");
   const isLeft = (card, { value, dataset: { filter } }) => {
     const own = card.dataset[filter];
     return value === "" || (filter === "rules" ? own.split("|").includes(value) : own === value);
@@ -15,8 +16,14 @@ if (filters !== null) {
       if (!card.hidden) shown += 1;
     }
     document.getElementById("shown-groups").textContent = `${shown} of ${cards.length} groups`;
+    reset.hidden = selects.every(({ value }) => value === "");
   };
   for (const select of selects) select.addEventListener("change", choose);
+  reset.addEventListener("click", () => {
+    for (const select of selects) select.value = "";
+    selects[0].focus();
+    choose();
+  });
   filters.hidden = false;
   choose();
 }

@@ -27,16 +27,21 @@ function roadPaths(elements) {
   return { layers: [...paths.values()], posts };
 }
 
-/** Where a series is at a time between its rows; null before the first row and after the last. */
-function poseAt(track, tick) {
+/** Where a series is at a time between its rows; null before the first row, after the last, and where rows lack. */
+function poseAt(track, tick, most = 20) {
   const last = track.tick.length - 1;
   if (last < 0 || tick < track.tick[0] || tick > track.tick[last]) return null;
   let row = 0;
   while (row < last && track.tick[row + 1] <= tick) row += 1;
-  if (row === last || track.tick[row + 1] - track.tick[row] > 20) return [track.x[row], track.y[row], track.yaw[row]];
+  if (row === last || track.tick[row] === tick) return [track.x[row], track.y[row], track.yaw[row]];
+  if (track.tick[row + 1] - track.tick[row] > most) return null;
   const share = (tick - track.tick[row]) / (track.tick[row + 1] - track.tick[row]);
   return ["x", "y", "yaw"].map((name) => track[name][row] + share * (track[name][row + 1] - track[name][row]));
 }
+
+const STRIDE_TICKS = 5;
+const APART_M = 0.4;
+const actorAt = (track, tick) => poseAt(track, tick, STRIDE_TICKS);
 
 /** Rows after the branch at which a touch begins. */
 function contactRows(future) {
@@ -53,8 +58,8 @@ class MapView {
   /** Draw a scene.
    * @param group what `decodedGroup` gives
    * @param roads what `roadPaths` gives, or null
-   * @param look tick, chosen futures, shown futures, zoom, pan, follow, ink of a future, places of findings and the
-   *   chosen one of them
+   * @param look tick, chosen futures, the one of them that stands out, shown futures, zoom, pan, follow, ink of a
+   *   future, places of findings and the chosen one of them
    */
   draw(group, roads, look) {
     const { pen, canvas } = this;
@@ -69,11 +74,8 @@ class MapView {
     }
     const frame = look.frame;
     const scale = Math.min(width / frame.width, height / frame.height) * look.zoom;
-    const lead = look.chosen[0] ?? group.futures[0];
-    const ego = (look.follow && poseAt(lead, Math.min(look.tick, lead.tick.at(-1)))) || null;
     const turn = -group.heading;
-    const [cos, sin] = [Math.cos(turn), Math.sin(turn)];
-    const middle = ego ? [cos * ego[0] - sin * ego[1], sin * ego[0] + cos * ego[1]] : [frame.u, frame.v];
+    const middle = middleOf(look, turn, width / scale, height / scale);
     this.scale = scale;
     this.turn = group.heading;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -90,10 +92,11 @@ class MapView {
     for (const future of look.shown) {
       if (!look.chosen.includes(future)) this.path(future, look, 0.9 / scale, 0.55);
     }
-    for (const future of look.chosen) this.path(future, look, 2.6 / scale, 1);
-    for (const future of [...look.shown, ...look.chosen]) {
-      const isMain = look.mode === "all" || look.chosen.includes(future);
-      if (isMain) this.ego(future, group.box, look, look.chosen.includes(future) && look.mode !== "all");
+    const isAll = look.mode === "all";
+    for (const future of look.chosen) this.path(future, look, (isAll && future !== look.lead ? 1.8 : 2.6) / scale, 1);
+    for (const future of [...look.shown, ...look.chosen, look.lead]) {
+      const isMain = isAll || look.chosen.includes(future);
+      if (isMain) this.ego(future, group.box, look, future === look.lead);
       this.contacts(future, look, isMain);
     }
     this.faults(group, look);
@@ -190,24 +193,41 @@ class MapView {
     if (first === undefined) return;
     const { scale } = this;
     for (const [id, track] of first.tracks) {
-      const pose = poseAt(track, look.tick);
+      const pose = actorAt(track, look.tick);
       if (pose) this.box(pose, track.length, track.width, ink(ACTOR_INKS[track.kind] ?? "other"), ink("ink"), 0.9 / scale);
       if (look.mode !== "all") continue;
       for (const other of look.shown) {
         const apart = other === first ? null : other.tracks.get(id);
-        const its = apart && poseAt(apart, look.tick);
-        if (its && (!pose || Math.hypot(its[0] - pose[0], its[1] - pose[1]) > 0.4)) {
+        const its = apart && actorAt(apart, look.tick);
+        if (its && (!pose || Math.hypot(its[0] - pose[0], its[1] - pose[1]) > APART_M)) {
           this.box(its, apart.length, apart.width, null, look.ink(other), 1.6 / scale);
         }
       }
     }
-    if (look.mode !== "all") return;
+    if (look.mode !== "all") {
+      if (look.tick <= 0 && look.spots.length) this.nominalActors(first, look);
+      return;
+    }
     for (const other of look.shown) {
       for (const [id, track] of other.tracks) {
-        const pose = first.tracks.has(id) ? null : poseAt(track, look.tick);
+        const pose = first.tracks.has(id) ? null : actorAt(track, look.tick);
         if (pose) this.box(pose, track.length, track.width, null, look.ink(other), 1.6 / scale);
       }
     }
+  }
+
+  /** Before the branch, actors that the nominal has and a future with findings lacks or has elsewhere. */
+  nominalActors(future, look) {
+    const { pen, scale } = this;
+    pen.setLineDash([4 / scale, 3 / scale]);
+    for (const [id, track] of look.nominal.tracks) {
+      const own = future.tracks.get(id);
+      const [pose, its] = [actorAt(track, look.tick), own && actorAt(own, look.tick)];
+      if (pose && !(its && Math.hypot(its[0] - pose[0], its[1] - pose[1]) < APART_M)) {
+        this.box(pose, track.length, track.width, null, ink("fault"), 1.6 / scale);
+      }
+    }
+    pen.setLineDash([]);
   }
 
   path(future, look, lineWidth, alpha) {
@@ -230,7 +250,7 @@ class MapView {
   ego(future, [length, width], look, isFilled) {
     const tick = Math.min(look.tick, future.tick.at(-1));
     const pose = poseAt(future, tick);
-    if (pose === null || (look.tick < 0 && future !== look.nominal && look.mode === "all")) return;
+    if (pose === null || (look.tick < 0 && future !== look.lead && look.mode === "all")) return;
     const isOver = look.tick > future.tick.at(-1);
     this.box(pose, length, width, look.ink(future), isFilled ? ink("paper") : look.ink(future), 1.4 / this.scale, isOver ? 0.15 : isFilled ? 1 : 0.4);
   }
@@ -280,7 +300,7 @@ class MapView {
       }, isChosen ? 2.6 : 1.6);
     }
     for (const [track, { spot, isChosen }] of named) {
-      const pose = poseAt(track, look.tick);
+      const pose = actorAt(track, look.tick);
       if (pose === null) continue;
       const radius = Math.hypot(track.length, track.width) / 2 + 4 / scale;
       for (const more of [0, 5 / scale]) {
@@ -323,6 +343,17 @@ class MapView {
     pen.font = "12px system-ui, sans-serif";
     pen.fillText(`${length} m`, 16, height - 18);
   }
+}
+
+/** What stands in the middle of the map, in the frame of `frameOf`: it moves where the ego would leave the map. */
+function middleOf({ frame, follow, lead, tick }, turn, width, height) {
+  const ego = poseAt(lead, Math.min(tick, lead.tick.at(-1)));
+  if (ego === null) return [frame.u, frame.v];
+  const [cos, sin] = [Math.cos(turn), Math.sin(turn)];
+  const [u, v] = [cos * ego[0] - sin * ego[1], sin * ego[0] + cos * ego[1]];
+  if (follow) return [u, v];
+  const kept = (middle, at, room) => Math.max(at - room, Math.min(at + room, middle));
+  return [kept(frame.u, u, 0.42 * width), kept(frame.v, v, 0.42 * height)];
 }
 
 /** The rectangle that holds the futures, in the frame in which the ego drives to the right at the branch. */

@@ -3,7 +3,6 @@
 const shared = documentOf("shared-data");
 const dialog = document.getElementById("player");
 const byId = (id) => document.getElementById(id);
-const STRIDE_TICKS = 5;
 
 /** An element with text and attributes; text of a dataset is text alone. */
 function made(name, text = "", attributes = {}) {
@@ -43,7 +42,7 @@ const player = {
 };
 const maps = [new MapView(byId("map-a")), new MapView(byId("map-b"))];
 const goTo = (tick) => {
-  player.tick = Math.max(HISTORY_TICK, Math.min(HORIZON_TICK, tick));
+  player.tick = withinTime(tick);
   redraw();
 };
 const charts = ["speed", "gap", "controls"].map((name) => new Chart(byId(`chart-${name}`), goTo));
@@ -52,22 +51,24 @@ const inkOf = (future) => ink(`c${candidate(future)}`);
 const dashOf = (future) => DASHES[shared.bank[candidate(future)].family % DASHES.length];
 const isFamilyShown = (future) => !player.hiddenFamilies.has(shared.bank[candidate(future)].family);
 
+/** The future that stands out, whatever the mode. */
+const leadFuture = () => player.group.futures[player.a];
+
 /** Futures in the foreground, by the mode. */
 function chosenFutures() {
   const { futures } = player.group;
-  const one = (place) => futures[Math.min(place, futures.length - 1)];
-  if (player.mode === "one") return [one(player.a)];
-  if (player.mode === "two") return [one(player.a), one(player.b)];
-  return futures.filter(isFamilyShown);
+  if (player.mode === "one") return [leadFuture()];
+  if (player.mode === "two") return [leadFuture(), futures[player.b]];
+  return futures.filter((future) => isFamilyShown(future) || future === leadFuture());
 }
 
 function redraw() {
   if (player.group === null || !dialog.open) return;
   const { group, mode, tick } = player;
+  if (group.futures.length === 0) return;
   byId("time").value = tick;
   byId("time").setAttribute("aria-valuetext", timeText(tick));
   byId("time-text").textContent = timeText(tick);
-  if (group.futures.length === 0) return;
   const chosen = chosenFutures();
   const shown = group.futures.filter(isFamilyShown);
   const look = {
@@ -78,10 +79,11 @@ function redraw() {
     const own = mode === "two" ? [chosen[i]] : chosen;
     const others = mode === "two" ? [] : shown;
     const spots = spotsOf(group, own);
-    map.draw(group, roadsOf(group.town), { ...look, chosen: own, shown: others, spots, spot: player.spot });
-    const names = mode === "all" ? "All candidates" : nameOf(own[0]);
+    const lead = mode === "all" ? leadFuture() : own[0];
+    map.draw(group, roadsOf(group.town), { ...look, lead, chosen: own, shown: others, spots, spot: player.spot });
+    const names = mode === "all" ? `All candidates, ${nameOf(lead)} filled` : nameOf(lead);
     map.figure.querySelector("span").textContent = names;
-    map.figure.querySelector("output").textContent = mode === "all" ? "" : stateText(own[0], tick);
+    map.figure.querySelector("output").textContent = stateText(lead, tick);
     map.canvas.setAttribute("aria-label", `Map at ${timeText(tick)}: ${names}; ${group.remarkText}`);
   });
   const spots = spotsOf(group, chosen);
@@ -96,7 +98,7 @@ function nameOf(future) {
 
 function timeText(tick) {
   const part = tick < 0 ? "history" : tick <= 50 ? "intervention" : "recovery";
-  return `${tick < 0 ? "−" : "+"}${Math.abs(tick / 20).toFixed(2)} s, ${part}`;
+  return `${momentText(tick, leadFuture())}, ${part}`;
 }
 
 function numberText(value, digits, unit) {
@@ -104,38 +106,47 @@ function numberText(value, digits, unit) {
 }
 
 function stateText(future, tick) {
-  if (tick > future.tick.at(-1)) return `ended at +${(future.tick.at(-1) / 20).toFixed(2)} s`;
+  if (tick < future.tick[0]) return `shown from ${momentText(future.tick[0], future)}`;
+  if (tick > future.tick.at(-1)) return `ended at ${momentText(future.tick.at(-1), future)}`;
   return `${numberText(valueAt(future.tick, future.speed, tick), 1, " m/s")}`;
 }
 
 function drawCharts(chosen, shown, tick, spots) {
   const isAll = player.mode === "all";
-  const order = [...shown.filter((future) => !chosen.includes(future)), ...[...chosen].reverse()];
+  const nominal = player.group.futures[0];
+  const main = isAll ? [leadFuture()] : chosen;
+  const order = [...new Set([...main, ...chosen, ...shown])].reverse();
   const lines = (name) => order.map((future) => ({
     tick: future.tick, values: future[name], colour: inkOf(future), dash: dashOf(future),
-    width: chosen.includes(future) && !isAll ? 2.6 : isAll ? 1.5 : 1.1,
+    width: main.includes(future) ? 2.6 : isAll ? 1.5 : 1.1,
     alpha: chosen.includes(future) ? 1 : 0.45,
     contacts: chosen.includes(future) ? contactRows(future) : [],
   }));
   const marks = spots.filter((spot) => spot.tick !== null && isInTime(spot.tick)).map((spot) => ({ tick: spot.tick, isChosen: spot === player.spot }));
-  charts[0].draw(lines("speed"), null, tick, marks);
+  const isDoubted = spotsOf(player.group, main).some((spot) => spot.text.startsWith("speed_mps of observations"));
+  const way = wayOf(main[0]);
+  const drawnWay = isDoubted ? [{ ...way, colour: ink("fault"), dash: [2, 2], width: 1.6 }] : [];
+  byId("speed-title").textContent = `Speed, m/s${isDoubted ? "; of the positions dotted" : ""}`;
+  charts[0].draw([...lines("speed"), ...drawnWay], null, tick, marks);
   charts[1].draw(lines("gap"), null, tick, marks);
-  const main = isAll ? chosen.slice(0, 1) : chosen;
-  byId("controls-title").textContent = main.length
-    ? `${isAll ? nameOf(main[0]) : "Commands"}: steering (solid, right is positive), throttle (dashed), brake (dotted)`
-    : "Commands";
+  // The second is drawn thin over the first, so that both are seen where they are alike.
+  const commanded = player.mode === "two" || main[0] === nominal ? main : [...main, nominal];
+  byId("controls-title").textContent =
+    `Commands of ${commanded.map(nameOf).join(" and ")}: steering (solid, right is positive), throttle (dashed), brake (dotted)`;
   charts[2].draw(
-    main.flatMap((future) => future.commands.map((values, i) => ({
-      tick: future.commandTick, values, colour: inkOf(future), dash: [[], [7, 3], [2, 2.5]][i], width: 1.8,
+    commanded.flatMap((future) => future.commands.map((values, i) => ({
+      tick: future.commandTick, values, colour: inkOf(future), dash: [[], [7, 3], [2, 2.5]][i], width: future === main[0] ? 2.4 : 1.1,
     }))),
     [-1.05, 1.05], tick, marks,
   );
-  const said = (name, digits, unit) => (isAll ? "" : chosen.map((future) => numberText(valueAt(future.tick, future[name], tick), digits, unit)).join(" · "));
-  charts[0].output.textContent = said("speed", 1, " m/s");
+  const said = (name, digits, unit) => main.map((future) => numberText(valueAt(future.tick, future[name], tick), digits, unit)).join(" · ");
+  const wayText = isDoubted ? `, of the positions ${numberText(valueAt(way.tick, way.values, tick), 1, " m/s")}` : "";
+  charts[0].output.textContent = said("speed", 1, " m/s") + wayText;
   charts[1].output.textContent = said("gap", 1, " m");
-  charts[2].output.textContent = main.map((future) => future.commands.map((values) => numberText(valueAt(future.commandTick, values, tick), 2, "")).join(" / ")).join(" · ");
+  const commandText = (future) => future.commands.map((values) => numberText(valueAt(future.commandTick, values, tick), 2, "")).join(" / ");
+  charts[2].output.textContent = commanded.map((future) => `${main.includes(future) ? "" : "nominal "}${commandText(future)}`).join(" · ");
   for (const [chart, name] of charts.map((chart, i) => [chart, ["Speed", "Gap", "Commands"][i]])) {
-    chart.canvas.setAttribute("aria-label", `${name} over time at ${timeText(tick)}: ${chart.output.textContent || "all candidates"}`);
+    chart.canvas.setAttribute("aria-label", `${name} over time at ${timeText(tick)}: ${chart.output.textContent}`);
   }
 }
 
@@ -162,7 +173,7 @@ function drawCameras(chosen, tick) {
     const owner = shared.bank.find((one) => one.key === best.key)?.label ?? "";
     const image = made("img", "", { alt: `Camera ${camera} of ${owner} at ${timeText(best.tick)}` });
     image.src = best.uri;
-    figure.append(image, made("figcaption", `${camera}, ${(best.tick / 20).toFixed(2)} s, ${owner}`));
+    figure.append(image, made("figcaption", `${camera}, ${momentText(best.tick, player.group.futures[0])}, ${owner}`));
     return figure;
   }));
 }
@@ -173,7 +184,7 @@ function fillChoices() {
     byId(id).replaceChildren(...group.futures.map((future, place) => made("option", `${nameOf(future)}${faultsText(place)}`, { value: place })));
   }
   player.a = Math.min(player.a, group.futures.length - 1);
-  if (player.b >= group.futures.length || player.b === player.a) player.b = group.futures.length > 1 ? 1 : 0;
+  if (player.b >= group.futures.length || player.b === player.a) player.b = player.a === 0 && group.futures.length > 1 ? 1 : 0;
   byId("candidate-a").value = player.a;
   byId("candidate-b").value = player.b;
   const families = new Map();
@@ -217,7 +228,11 @@ function fillLegend() {
     return entry;
   });
   byId("legend").replaceChildren(...entries, made("li", "× a touch begins"), made("li", "dashed: the route"),
-    ...(player.group.spots.length ? [made("li", "◇ ▽ places of findings"), made("li", "◎ an actor that a finding names")] : []),
+    ...(player.group.spots.length ? [
+      made("li", "◇ ▽ places of findings"), made("li", "◎ an actor that a finding names"),
+      made("li", "dashed outline: before the branch, an actor of the nominal that this candidate lacks or has elsewhere"),
+    ] : []),
+    ...(player.group.futures.some((future) => future.tick.at(-1) < HORIZON_TICK) ? [made("li", "pale ego: where it was when its attempt ended")] : []),
     made("li", "in “all”, outlines are actors that a candidate moves otherwise"));
 }
 
@@ -232,11 +247,15 @@ function fillOutcomes() {
     const least = ahead.some((i) => future.touched[i]) ? 0 : gaps.length ? Math.min(...gaps) : NaN;
     const [touch] = contactRows(future);
     const end = future.tick.at(-1);
-    const touchText = touch !== undefined ? `+${(future.tick[touch] / 20).toFixed(2)} s` : end < HORIZON_TICK ? `none to +${(end / 20).toFixed(2)} s` : "none";
+    const at = touch !== undefined ? future.tick[touch] : end < HORIZON_TICK ? end : null;
+    const touched = made("td", joined([touch === undefined && "none", at !== null && secondsText(at).replace(" ", "\u00a0")], " to "), {
+      class: touch === undefined ? "number" : "number touches",
+    });
+    if (at !== null) touched.append(made("small", `tick ${future.branch + at}`));
     row.append(
-      name, made("td", Number.isFinite(least) ? `${least.toFixed(1)} m` : "–", { class: "number" }),
-      made("td", ahead.length ? numberText(future.speed[ahead.at(-1)], 1, " m/s") : "–", { class: "number" }),
-      made("td", touchText, { class: touch === undefined ? "number" : "number touches" }),
+      name, made("td", Number.isFinite(least) ? least.toFixed(1) : "–", { class: "number" }),
+      made("td", ahead.length ? numberText(future.speed[ahead.at(-1)], 1, "") : "–", { class: "number" }),
+      touched,
     );
     if (player.group.faults.length) row.append(made("td", numFaults(player.group, place) || "–", { class: "number" }));
     row.dataset.place = place;
@@ -246,7 +265,7 @@ function fillOutcomes() {
 }
 
 function markChosen() {
-  const wanted = player.mode === "all" ? [] : player.mode === "one" ? [player.a] : [player.a, player.b];
+  const wanted = player.mode === "two" ? [player.a, player.b] : [player.a];
   for (const row of byId("outcomes").children) row.classList.toggle("chosen", wanted.includes(Number(row.dataset.place)));
 }
 
@@ -255,7 +274,6 @@ function choiceChanged() {
   byId("stage").classList.toggle("two", isTwo);
   byId("map-b").hidden = !isTwo;
   byId("pick-b").hidden = !isTwo;
-  byId("candidate-a").disabled = player.mode === "all";
   for (const radio of document.getElementsByName("mode")) radio.checked = radio.value === player.mode;
   markChosen();
   markSpot();
@@ -268,9 +286,11 @@ function chooseSpot(spot) {
   player.spot = spot;
   player.hiddenFamilies.delete(shared.bank[candidate(future)].family);
   if (player.mode === "all") player.mode = "one";
+  if (player.mode === "one") player.b = 0;
   if (player.mode === "one" || player.b !== spot.future) player.a = spot.future;
   setPlaying(false);
-  if (spot.tick !== null) player.tick = Math.max(HISTORY_TICK, Math.min(HORIZON_TICK, spot.tick));
+  if (spot.tick !== null) player.tick = withinTime(spot.tick);
+  setAddress();
   fillChoices();
   choiceChanged();
   byId("stage").scrollIntoView({ block: "nearest" });
@@ -281,13 +301,24 @@ function stepSpot(by) {
   const spots = player.group.spots;
   if (spots.length === 0) return;
   const at = spots.indexOf(player.spot);
+  const isListed = byId("fault-list").contains(document.activeElement);
   chooseSpot(spots[at < 0 ? (by > 0 ? 0 : spots.length - 1) : (at + by + spots.length) % spots.length]);
+  if (isListed) player.spot.button.focus({ preventScroll: true });
 }
 
 function markSpot() {
   const { spot, group } = player;
   for (const { button } of group.spots) button.setAttribute("aria-pressed", String(button === spot?.button));
-  byId("spot-text").textContent = spot === null ? "" : `${spot.rule}, ${spotText(spot, group)}${spot.text ? `: ${spot.text}` : ""}`;
+  spot?.button.closest("details")?.setAttribute("open", "");
+  const number = spot === null ? "" : `Place ${group.spots.indexOf(spot) + 1} of ${group.spots.length}`;
+  byId("spot-text").textContent = spot === null ? "" : `${number}: ${spot.rule}, ${spotText(spot, group)}${spot.text ? `: ${spot.text}` : ""}`;
+}
+
+/** Give the group and the place that are shown an address, to which the browser leads back. */
+function setAddress(isNew = false) {
+  const { place, spot } = player;
+  const hash = `#play-${place}${spot === null ? "" : `-${spot.rule}-${spot.number}`}`;
+  if (location.hash !== hash) history[isNew ? "pushState" : "replaceState"](null, "", hash);
 }
 
 /** Close the player and go to a place of the report. */
@@ -303,7 +334,8 @@ function openGroup(place, rule, number) {
   if (packed === null) return;
   const group = packed.data === undefined ? { ...packed, futures: [] } : decodedGroup(packed, shared.steps);
   group.faults = decodedFaults(packed);
-  group.spots = group.faults.flatMap((fault) => fault.spots).filter((spot) => spot.future >= 0);
+  group.spots = orderedSpots(group.faults);
+  time.first = Math.min(HISTORY_TICK, ...group.futures.map((future) => future.tick[0]));
   group.remarkText = group.remarks.length ? `${group.remarks.length} remarks on what is not drawn` : "everything recorded is drawn";
   if (group.futures.length) group.frame = frameOf(group);
   Object.assign(player, { group, place, tick: 0, isPlaying: false, zoom: 1, pan: [0, 0], spot: null });
@@ -312,6 +344,7 @@ function openGroup(place, rule, number) {
   byId("player-remarks").replaceChildren(...group.remarks.map((text) => made("li", text)));
   byId("player-remarks").hidden = group.remarks.length === 0;
   byId("player-whole").hidden = group.futures.length === 0;
+  byId("time").min = time.first;
   byId("play").textContent = "Play";
   byId("cameras").dataset.state = "none";
   byId("previous-group").disabled = place === 0;
@@ -319,6 +352,7 @@ function openGroup(place, rule, number) {
   fillFaults(group, chooseSpot, leaveTo);
   const begins = !dialog.open;
   if (begins) dialog.showModal();
+  setAddress(begins && player.opener !== null);
   // Space plays at once, and what is hidden takes no keys.
   if (begins || byId("player-whole").hidden) byId(group.futures.length ? "play" : "close-player").focus({ preventScroll: true });
   if (group.futures.length) {
@@ -331,8 +365,6 @@ function openGroup(place, rule, number) {
     return;
   }
   chooseSpot(spot);
-  spot.button.closest("details")?.setAttribute("open", "");
-  spot.button.focus({ preventScroll: true });
 }
 
 /** Open what an address such as `#play-3` or `#play-3-BD-EVD-001-0` names; whether it names something. */
@@ -359,103 +391,3 @@ function setPlaying(isPlaying) {
   };
   requestAnimationFrame(step);
 }
-
-const zoom = (factor) => {
-  player.zoom = Math.max(0.2, Math.min(20, player.zoom * factor));
-  redraw();
-};
-const move = (right, down) => {
-  player.pan = [player.pan[0] + right, player.pan[1] + down];
-  redraw();
-};
-const setMode = (mode) => {
-  player.mode = mode;
-  choiceChanged();
-};
-
-for (const button of document.querySelectorAll("button.open")) {
-  button.addEventListener("click", () => {
-    player.opener = button;
-    openGroup(Number(button.dataset.place));
-  });
-}
-for (const link of document.querySelectorAll("a.play[href^='#']")) {
-  link.addEventListener("click", (event) => {
-    event.preventDefault();
-    player.opener = link;
-    openAddress(link.hash);
-  });
-}
-byId("close-player").addEventListener("click", () => dialog.close());
-dialog.addEventListener("close", () => {
-  setPlaying(false);
-  const target = player.leaveTo === null ? null : byId(player.leaveTo);
-  const opener = player.opener ?? document.querySelector(`button.open[data-place="${player.place}"]`);
-  Object.assign(player, { leaveTo: null, opener: null });
-  if (target === null) opener?.focus();
-  else {
-    if (target.tagName === "DETAILS") target.open = true;
-    target.scrollIntoView();
-    target.querySelector("a, summary")?.focus({ preventScroll: true });
-  }
-});
-byId("previous-group").addEventListener("click", () => openGroup(player.place - 1));
-byId("next-group").addEventListener("click", () => openGroup(player.place + 1));
-byId("previous-fault").addEventListener("click", () => stepSpot(-1));
-byId("next-fault").addEventListener("click", () => stepSpot(1));
-byId("play").addEventListener("click", () => setPlaying(!player.isPlaying));
-byId("time").addEventListener("input", (event) => {
-  setPlaying(false);
-  goTo(Number(event.target.value));
-});
-byId("zoom-in").addEventListener("click", () => zoom(1.25));
-byId("zoom-out").addEventListener("click", () => zoom(0.8));
-byId("follow").addEventListener("change", (event) => {
-  Object.assign(player, { follow: event.target.checked, pan: [0, 0] });
-  redraw();
-});
-for (const [id, name] of [["candidate-a", "a"], ["candidate-b", "b"]]) {
-  byId(id).addEventListener("change", (event) => {
-    player[name] = Number(event.target.value);
-    choiceChanged();
-  });
-}
-for (const radio of document.getElementsByName("mode")) radio.addEventListener("change", () => setMode(radio.value));
-for (const { canvas } of maps) {
-  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
-  canvas.addEventListener("pointermove", (event) => event.buttons && move(event.movementX, event.movementY));
-  canvas.addEventListener("wheel", (event) => {
-    if (!event.ctrlKey && !event.metaKey) return;
-    event.preventDefault();
-    zoom(event.deltaY < 0 ? 1.1 : 1 / 1.1);
-  }, { passive: false });
-}
-
-const keys = {
-  " ": () => setPlaying(!player.isPlaying),
-  ArrowLeft: (event) => (event.shiftKey ? move(40, 0) : goTo((Math.ceil(player.tick / STRIDE_TICKS) - 1) * STRIDE_TICKS)),
-  ArrowRight: (event) => (event.shiftKey ? move(-40, 0) : goTo((Math.floor(player.tick / STRIDE_TICKS) + 1) * STRIDE_TICKS)),
-  ArrowUp: (event) => event.shiftKey && move(0, 40),
-  ArrowDown: (event) => event.shiftKey && move(0, -40),
-  Home: () => goTo(0),
-  1: () => setMode("one"), 2: () => setMode("two"), 3: () => setMode("all"),
-  "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8),
-  f: (event) => stepSpot(event.shiftKey ? -1 : 1),
-  n: () => byId("next-group").click(), p: () => byId("previous-group").click(),
-};
-dialog.addEventListener("keydown", (event) => {
-  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  if (event.ctrlKey || event.metaKey || event.altKey || !(key in keys) || player.group === null) return;
-  const { tagName, type } = event.target;
-  const isOwn = tagName === "SELECT" || (type === "radio" && key.startsWith("Arrow")) || (type === "range" && (key.startsWith("Arrow") || key === "Home") && !event.shiftKey);
-  if (isOwn || (key === " " && ["BUTTON", "INPUT", "SUMMARY"].includes(tagName) && type !== "range")) return;
-  if ((key === "ArrowUp" || key === "ArrowDown") && !event.shiftKey) return;
-  event.preventDefault();
-  keys[key](event);
-});
-addEventListener("resize", redraw);
-addEventListener("themechange", redraw);
-
-// A page of one group opens it; in a report an address does.
-if (!openAddress(location.hash) && document.body.dataset.opens !== undefined) openGroup(0);
-addEventListener("hashchange", () => openAddress(location.hash));
