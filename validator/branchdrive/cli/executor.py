@@ -46,7 +46,7 @@ def engine_of(args: argparse.Namespace) -> Executor | None:
 
 
 def executor_of(args: argparse.Namespace) -> Executor:
-    """What `--executor` and `--jobs` name."""
+    """What `--executor` and `--jobs` name; processes of this machine begin to load what reads datasets."""
     from branchdrive.runtime.executor import isolated
 
-    return engine_of(args) or isolated(args.jobs)
+    return engine_of(args) or isolated(args.jobs, soon="branchdrive.engine.reading")

@@ -124,6 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Validate and print the report; the exit code is the verdict's."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: each has one core
+    executor = executor_of(args)  # before what this process loads, which takes as long
     from branchdrive.cli.text import render_report
     from branchdrive.engine.cache import Cache, is_url
     from branchdrive.engine.validate import validate
@@ -161,7 +162,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
             strict=args.strict,
             follow_links=args.follow_links,
             allow=args.allow,
-            executor=executor_of(args),
+            executor=executor,
             dataset_memory_bytes=None if args.dataset_memory is None else args.dataset_memory << 30,
             cache=cache,
             progress=progress,

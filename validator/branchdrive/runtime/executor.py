@@ -285,22 +285,29 @@ class _Isolated:
     """An executor over processes of its own, which end with each call; what has imported their modules stays."""
 
     jobs: int
-    _contexts: ArrayContexts = field(default_factory=ArrayContexts, compare=False, repr=False)
+    contexts: ArrayContexts = field(default_factory=ArrayContexts, compare=False, repr=False)
 
     def __call__(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], /
     ) -> Iterator[tuple[int, Result | Died | Failed]]:
         if tasks:
-            yield from _in_pools(function, tasks, self.jobs, self._contexts.get(*_loaded(function.__module__)))
+            yield from _in_pools(function, tasks, self.jobs, self.contexts.get(*_loaded(function.__module__)))
 
 
-def isolated(jobs: int) -> Executor:
+def isolated(jobs: int, *, soon: str | None = None) -> Executor:
     """Executor over `jobs` processes with the spec's memory limit.
 
     When a process dies, the tasks that were under way run again, each in a process of its own:
     the one that kills again is reported as `Died`, the others are not affected.
+
+    Args:
+        jobs: Processes, at most.
+        soon: Module of a function that is going to be called, whose import begins while the caller goes on.
     """
-    return _Isolated(jobs)
+    executor = _Isolated(jobs)
+    if soon is not None:
+        executor.contexts.start(*_loaded(soon))
+    return executor
 
 
 def jobs_of(executor: Executor) -> int:

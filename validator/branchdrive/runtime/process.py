@@ -123,6 +123,7 @@ class ArrayContexts:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._server: ForkServer | None = None
+        self._is_ready = False
         self.close: Callable[[], object] = lambda: None
         """End the server, if there is one; then there are no more contexts."""
 
@@ -132,18 +133,28 @@ class ArrayContexts:
         Raises:
             PlatformError: The interpreter was started so that its children ignore the environment.
         """
-        _prepare_to_start()
-        if not _MAY_FORK:
+        server = self.start(*modules)
+        if server is None:
             return _ArrayContext()
         with self._lock:
-            if self._server is None:
-                server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
-                self.close = weakref.finalize(self, server.close)
+            if not self._is_ready:
                 server.wait()
-                self._server = server
-            else:
-                self._server.load(modules)
-            return _ForkContext(self._server)
+                self._is_ready = True
+            server.load(modules)
+        return _ForkContext(server)
+
+    def start(self, *modules: str) -> ForkServer | None:
+        """Begin to import modules, for who needs them soon; ``None`` where nothing is forked.
+
+        Raises:
+            PlatformError: The interpreter was started so that its children ignore the environment.
+        """
+        _prepare_to_start()
+        with self._lock:
+            if self._server is None and _MAY_FORK:
+                self._server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
+                self.close = weakref.finalize(self, self._server.close)
+            return self._server
 
 
 def _prepare_to_start() -> None:
