@@ -1,22 +1,23 @@
 """Causes and what may follow from them: which rules to look at first, where they fail, and how far they explain others.
 
 What is recomputed from a wrong column differs from what is recorded, and what is expected there is the wrong one. So
-a rule that recomputes may fail in a group because of another rule that fails in the same group, or in the dataset as a
-whole; one that nothing explains is a cause. Source: spec/07-rules.md#report.
+a rule that recomputes may fail in an attempt because of another rule that fails there, or in the dataset as a whole;
+one that nothing explains is a cause. See `branchdrive.engine.relation`. Source: spec/07-rules.md#report.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from branchdrive.contract.rule import CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding
+from branchdrive.engine.group_causes import DatasetCauses, GroupCauses
 from branchdrive.engine.tally import Tally
+from branchdrive.raw.funnel import GroupOutcome
 
 if TYPE_CHECKING:
     from branchdrive.engine.shard import ShardResult
@@ -28,30 +29,6 @@ MAX_NAMED_GROUPS = 5
 
 MAX_SHARDS = 100
 """Shards that a cause lists."""
-
-_UNIT = ("BD-RSP-007", "BD-MOT-006")
-"""Rules whose findings name a wrong unit, sign or clock, in the dataset and in an attempt."""
-
-_MOTION = (
-    "BD-GRP-009", "BD-GRP-010", "BD-MOT-006", "BD-MOT-001", "BD-BOX-001", "BD-BOX-002", "BD-BOX-003", "BD-RSP-001",
-    "BD-RSP-006", "BD-RSP-007",
-)  # fmt: skip
-"""Rules of which a failure tells of the future of another action, of a wrong unit, sign, clock or size."""
-
-_BOXES = "BD-EVD-001"
-"""The rule on separation, which takes boxes alone: where it fails, what takes boxes and velocities does too."""
-
-_POSSIBLE: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "BD-TAB-004": ("BD-LAY-001",),
-        "BD-MOT-001": _UNIT,
-        "BD-MOT-006": _UNIT[:1],
-        "BD-EVD-002": (*_MOTION, _BOXES),
-        "BD-EVD-003": (*_MOTION, _BOXES),
-        **dict.fromkeys(("BD-EVD-001", "BD-MOT-003", "BD-RPN-003", "BD-ACT-004", "BD-RSP-016"), _MOTION),
-    }
-)
-"""Rules that may be why a rule fails."""
 
 _BESIDE = ("BD-LAY-009",)
 """Rules on what lies beside a dataset, which explain nothing in it."""
@@ -122,7 +99,7 @@ class Cause:
     Attributes:
         rule_id: The rule.
         columns: Columns that its kept findings there name, sorted.
-        first: The first kept finding there; ``None`` where none is kept.
+        firsts: Kept findings there, the first of each table and column.
         extents: Shards with groups where it is, in order, at most `MAX_SHARDS`; none where it is not about groups.
         num_shards: Shards with groups where it is.
         of_shards: Shards of the dataset.
@@ -135,7 +112,7 @@ class Cause:
 
     rule_id: str
     columns: tuple[str, ...] = ()
-    first: Finding | None = None
+    firsts: tuple[Finding, ...] = ()
     extents: tuple[Extent, ...] = ()
     num_shards: int = 0
     of_shards: int = 0
@@ -149,6 +126,11 @@ class Cause:
     def info(self) -> RuleInfo:
         """The rule's catalogue entry."""
         return CATALOGUE[self.rule_id]
+
+    @property
+    def first(self) -> Finding | None:
+        """The first kept finding there; ``None`` where none is kept."""
+        return self.firsts[0] if self.firsts else None
 
     def to_json(self) -> dict[str, Any]:
         """As the report schema has it."""
@@ -247,7 +229,7 @@ class _Search:
 
     def __init__(self, failed: Mapping[str, Tally]) -> None:
         self._failed = failed
-        self._relation = _Relation(failed)
+        self._relation = DatasetCauses(failed)
         self.causes: dict[str, _Totals] = {}
         self.counted: Counter[str] = Counter()
         self._explained: Counter[str] = Counter()
@@ -256,32 +238,33 @@ class _Search:
     def add_shard(self, shard: ShardResult) -> None:
         """Add the groups of a shard."""
         found: dict[str, list[tuple[str, int]]] = {}
-        for outcome in shard.funnel.outcomes:
-            numbers = {rule_id: number for rule_id, number in outcome.failed if rule_id in self._failed}
-            for rule_id in self._add_group(numbers):
-                found.setdefault(rule_id, []).append((printable(outcome.group_id[:128]), numbers[rule_id]))
+        for outcome in (outcome for outcome in shard.funnel.outcomes if outcome.failed):
+            for rule_id, number in self._add_group(outcome).items():
+                found.setdefault(rule_id, []).append((printable(outcome.group_id[:128]), number))
         for rule_id, groups in found.items():
             _add_extent(self.causes[rule_id], shard, groups)
 
-    def _add_group(self, numbers: Mapping[str, int]) -> set[str]:
-        """Add the rules that one group fails, with its attempts that do; the causes among them."""
-        causes_of = self._relation.causes_in(tuple(numbers))
-        here = {rule_id for rule_id, roots in causes_of.items() if not roots}
-        for rule_id, roots in causes_of.items():
-            self.counted[rule_id] += numbers[rule_id] or 1
-            self._explained[rule_id] += (numbers[rule_id] or 1) * bool(roots)
-            for root in roots:
-                self._follows(rule_id, root, numbers[rule_id] or 1)
-                self.causes[root].groups_of[rule_id] += 1
-                self.causes[root].attempts_of[rule_id] += numbers[rule_id]
+    def _add_group(self, outcome: GroupOutcome) -> dict[str, int]:
+        """Add the rules that one group fails; its causes, each with the attempts that nothing explains."""
+        group = GroupCauses(outcome, self._failed, self._relation)
+        here = group.causes
         for rule_id in here:
             totals = self.causes.setdefault(rule_id, _Totals())
-            totals.together = here - {rule_id} if totals.together is None else totals.together & here
+            others = {*here} - {rule_id}
+            totals.together = others if totals.together is None else totals.together & others
+        for rule_id, number in group.failed.items():
+            self.counted[rule_id] += number or 1
+            self._explained[rule_id] += (number or 1) - (here[rule_id] or 1 if rule_id in here else 0)
+        for rule_id, numbers in group.following.items():
+            for root, number in numbers.items():
+                self._follows(rule_id, root, number or 1)
+                self.causes[root].groups_of[rule_id] += 1
+                self.causes[root].attempts_of[rule_id] += number
         return here
 
     def add_rule_of_dataset(self, rule_id: str) -> None:
         """Add a rule that fails in no single group."""
-        roots = self._relation.causes_of_dataset(rule_id)
+        roots = self._relation.roots_of(rule_id)
         if not roots:
             self.causes.setdefault(rule_id, _Totals())
         for root in roots:
@@ -304,55 +287,6 @@ class _Search:
         }
 
 
-class _Relation:
-    """Which failed rules may be why others fail.
-
-    Args:
-        failed: Tallies of the rules that fail.
-    """
-
-    def __init__(self, failed: Mapping[str, Tally]) -> None:
-        self._dataset = {rule_id for rule_id, tally in failed.items() if tally.info.scope == "dataset"}
-        # What says that nearly all attempts fail a rule follows from it, and explains nothing itself.
-        self._named = {rule_id: _named(failed[rule_id], failed) for rule_id in self._dataset}
-        self._known: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {}
-        self._failed = tuple(failed)
-
-    def causes_in(self, rules: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
-        """Causes of each of the rules that fail in one group; none for those that are causes there."""
-        if rules not in self._known:
-            present = {*rules, *self._dataset}
-            self._known[rules] = {rule_id: self._roots(rule_id, present) for rule_id in rules}
-        return self._known[rules]
-
-    def causes_of_dataset(self, rule_id: str) -> tuple[str, ...]:
-        """Causes of a rule that is about no single group."""
-        return self._roots(rule_id, {*self._failed})
-
-    def _parents(self, rule_id: str, present: set[str]) -> list[str]:
-        possible = (*_POSSIBLE.get(rule_id, ()), *self._named.get(rule_id, ()))
-        return [other for other in possible if other in present and not self._named.get(other)]
-
-    def _roots(self, rule_id: str, present: set[str]) -> tuple[str, ...]:
-        roots, seen, waiting = set(), {rule_id}, self._parents(rule_id, present)
-        while waiting:
-            other = waiting.pop()
-            if other in seen:
-                continue
-            seen.add(other)
-            parents = self._parents(other, present)
-            waiting += parents
-            if not parents:
-                roots.add(other)
-        return tuple(sorted(roots, key=cause_order))
-
-
-def _named(tally: Tally, failed: Iterable[str]) -> tuple[str, ...]:
-    """Failed rules of which all findings of a rule of the dataset say that nearly all attempts fail them."""
-    named = {finding.expected[:10] for finding in tally.findings}
-    return tuple(sorted(named)) if named and named <= {*failed} else ()
-
-
 def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str, int]]) -> None:
     num_attempts = sum(number for _, number in groups)
     totals.num_shards += 1
@@ -366,11 +300,12 @@ def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str,
 
 
 def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
-    findings = [f for f in tally.findings if not totals.names or f.group_id in totals.names]
+    findings = [f for f in tally.findings if not f.follows and (not totals.names or f.group_id in totals.names)]
+    firsts = {(f.location.get("table"), f.location.get("column")): f for f in reversed(findings)}
     return Cause(
         tally.rule_id,
         tuple(sorted({str(f.location["column"]) for f in findings if "column" in f.location})),
-        findings[0] if findings else None,
+        tuple(f for f in findings if f in firsts.values()),
         tuple(totals.extents),
         totals.num_shards,
         num_shards,

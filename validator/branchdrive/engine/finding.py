@@ -22,7 +22,20 @@ def location_text(location: Location) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One violation of a rule, as reports carry it; `of_group` is its group where the location has it not."""
+    """One violation of a rule, as reports carry it.
+
+    Attributes:
+        rule: The rule.
+        location: Where it is.
+        count: Items that it stands for.
+        expected: What was expected there.
+        found: What was found.
+        waived: Whether a waiver covers it.
+        of_group: Its group where the location has it not.
+        last_tick: The last tick of its items, of which the location has the first; ``None`` where it is not known.
+        branch_tick: That of its attempt; ``None`` where there is none.
+        follows: Rules that fail there too and may be why, first causes first; none where nothing explains it.
+    """
 
     rule: str
     location: Location
@@ -31,6 +44,9 @@ class Finding:
     found: str
     waived: bool = False
     of_group: str | None = None
+    last_tick: int | None = None
+    branch_tick: int | None = None
+    follows: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, rule_id: str, mismatch: Mismatch) -> Finding:
@@ -40,7 +56,16 @@ class Finding:
             for key, value in mismatch.location.items()
         }
         expected, found = (printable(text[:300])[:300] for text in (mismatch.expected, mismatch.found))
-        return cls(rule_id, location, mismatch.count, expected, found, of_group=mismatch.group_id)
+        return cls(
+            rule_id,
+            location,
+            mismatch.count,
+            expected,
+            found,
+            of_group=mismatch.group_id,
+            last_tick=mismatch.last_tick,
+            branch_tick=mismatch.branch_tick,
+        )
 
     @property
     def group_id(self) -> str | None:

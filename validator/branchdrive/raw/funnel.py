@@ -93,6 +93,8 @@ class GroupOutcome:
         rules: Rules that it fails there.
         failed: Every rule that it or attempts of it fail, with how many attempts that are, 0 where the rule is on
             groups; attempts that stand for no candidate count too.
+        follows: Rules that other rules may be why attempts of it fail, each with those that nothing explains in turn,
+            and how many attempts that are.
         detail: What was expected and found where it first fails the first of `rules`, in words; empty if unknown.
         hint: What findings of several rules together say of it, in words; empty where they say nothing.
     """
@@ -102,6 +104,7 @@ class GroupOutcome:
     lost_at: str | None = None
     rules: tuple[str, ...] = ()
     failed: tuple[tuple[str, int], ...] = ()
+    follows: tuple[tuple[str, tuple[str, ...], int], ...] = ()
     detail: str = ""
     hint: str = ""
 

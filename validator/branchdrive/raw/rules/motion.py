@@ -52,7 +52,7 @@ def _check(view: ShardView, subjects: Mask, *parts: _Part) -> Check:
         place: Location = {"table": "observations", "column": part.column, "tick": int(view.observations.tick[row])}
         return Mismatch(place, *part.text(row), int(summary.count[i]))
 
-    return Check.of_subjects(subjects & examined, subjects & summary.any, describe)
+    return Check.of_subjects(subjects & examined, subjects & summary.any, describe, summary.stretch)
 
 
 def _judged(view: ShardView, relation: Relation, text: Callable[[Relation, int], tuple[str, str]]) -> _Part:
