@@ -65,10 +65,10 @@ class GroupFacts:
 
     @property
     def outcome(self) -> str:
-        """Whether it qualifies, else where it is lost."""
+        """Whether it qualifies, else what it is that it is lost for."""
         if self.result is None:
             return "not judged"
-        return "qualifies" if self.result.qualifies else f"lost at: {self.result.stage}"
+        return "qualifies" if self.result.qualifies else self.result.lacks
 
 
 @dataclass(frozen=True)

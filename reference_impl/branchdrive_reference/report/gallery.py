@@ -213,7 +213,7 @@ def played_group(
     }  # fmt: skip
     if group.result is not None and not group.result.qualifies:
         (reason,) = brief(group.result.reason)
-        remarks.insert(0, f"It is {group.outcome}: {reason}.")
+        remarks.insert(0, f"It does not qualify ({group.outcome}): {reason}.")
     if seen.judgement is None:
         remarks.append("Rules on rows did not run here; what is wrong with the files is in the report.")
     picture, contact = None, "unknown"

@@ -99,7 +99,7 @@ class Cause:
     Attributes:
         rule_id: The rule.
         columns: Columns that its kept findings there name, sorted.
-        firsts: Kept findings there, the first of each table and column.
+        firsts: Kept findings there, the first of each table and column, or of each file.
         extents: Shards with groups where it is, in order, at most `MAX_SHARDS`; none where it is not about groups.
         num_shards: Shards with groups where it is.
         of_shards: Shards of the dataset.
@@ -301,11 +301,11 @@ def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str,
 
 def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
     findings = [f for f in tally.findings if not f.follows and (not totals.names or f.group_id in totals.names)]
-    firsts = {(f.location.get("table"), f.location.get("column")): f for f in reversed(findings)}
+    firsts = {_kind_of_place(f): f for f in reversed(findings)}
     return Cause(
         tally.rule_id,
         tuple(sorted({str(f.location["column"]) for f in findings if "column" in f.location})),
-        tuple(f for f in findings if f in firsts.values()),
+        tuple(firsts[place] for place in dict.fromkeys(map(_kind_of_place, findings))),
         tuple(totals.extents),
         totals.num_shards,
         num_shards,
@@ -315,6 +315,12 @@ def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> C
         tuple(_consequences(totals)),
         tuple(sorted(totals.together or (), key=cause_order)),
     )
+
+
+def _kind_of_place(finding: Finding) -> tuple[object, ...]:
+    """What findings on rows of one column have in common, and those on one file."""
+    parts = ("table", "column") if finding.group_id is not None else ("file", "pointer", "table", "column")
+    return tuple(finding.location.get(part) for part in parts)
 
 
 def _consequences(totals: _Totals) -> Iterator[Consequence]:

@@ -11,6 +11,7 @@ from typing import Any
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, Kind
 from branchdrive.contract.text import printable
+from branchdrive.engine.relation import repair_first
 
 __all__ = ["Finding", "location_text"]
 
@@ -87,8 +88,13 @@ class Finding:
     def message(self) -> str:
         """The finding as one sentence."""
         more = f" ({self.count} places)" if self.count > 1 else ""
-        title = CATALOGUE[self.rule].title
+        title = CATALOGUE[self.rule].broken
         return f"{title}: {location_text(self.location)}{more}: expected {self.expected}, found {self.found}"
+
+    @property
+    def remedy(self) -> str:
+        """What to do: the rule's remedy, or where others may be why, to repair these first."""
+        return repair_first(self.rule, self.follows) if self.follows else CATALOGUE[self.rule].remedy
 
     def to_json(self) -> dict[str, Any]:
         """The finding as the report schema has it."""
@@ -100,6 +106,9 @@ class Finding:
             "expected": self.expected,
             "found": self.found,
             "message": self.message,
-            "remedy": CATALOGUE[self.rule].remedy,
+            "remedy": self.remedy,
             "waived": self.waived,
+            "last_tick": self.last_tick,
+            "branch_tick": self.branch_tick,
+            "follows": list(self.follows),
         }

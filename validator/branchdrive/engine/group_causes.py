@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from branchdrive.contract.rule import cause_order
 from branchdrive.engine.relation import POSSIBLE
 from branchdrive.engine.tally import Tally
 from branchdrive.raw.funnel import GroupOutcome
 
-__all__ = ["DatasetCauses", "GroupCauses"]
+__all__ = ["DatasetCauses", "GroupCauses", "link_to_dataset"]
 
 
 class DatasetCauses:
@@ -57,6 +58,17 @@ def _named(tally: Tally, failed: Iterable[str]) -> tuple[str, ...]:
     """Failed rules of which all findings of a rule of the dataset say that nearly all attempts fail them."""
     named = {finding.expected[:10] for finding in tally.findings}
     return tuple(sorted(named)) if named and named <= {*failed} else ()
+
+
+def link_to_dataset(tallies: Mapping[str, Tally]) -> None:
+    """Say in findings of rules on rows, attempts and groups which rules on the whole dataset may be why."""
+    relation = DatasetCauses({rule_id: tally for rule_id, tally in tallies.items() if tally.num_findings})
+    for rule_id, tally in tallies.items():
+        if tally.findings and tally.info.scope != "dataset" and (causes := relation.causes_of(rule_id)):
+            tally.findings = [
+                replace(finding, follows=tuple(sorted({*causes, *finding.follows}, key=cause_order)))
+                for finding in tally.findings
+            ]
 
 
 class GroupCauses:

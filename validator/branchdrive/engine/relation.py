@@ -22,7 +22,7 @@ from branchdrive.contract.rule import cause_order
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["POSSIBLE", "SIBLINGS", "Failed", "Roots", "roots_of_attempts"]
+__all__ = ["POSSIBLE", "SIBLINGS", "Failed", "Roots", "repair_first", "roots_of_attempts"]
 
 _UNIT = ("BD-RSP-007", "BD-MOT-006")
 """Rules whose findings name a wrong unit, sign or clock, in the dataset and in an attempt."""
@@ -72,6 +72,18 @@ _NO_CAUSES = ("RPN", "GRP")
 
 Roots = Mapping[str, tuple[str, ...]]
 """Rules that an attempt fails and others may be why, each with those that nothing explains in turn."""
+
+
+def repair_first(rule_id: str, causes: Sequence[str]) -> str:
+    """What to do about a rule that fails where others may be why, instead of its remedy."""
+    names = ", ".join(causes)
+    if {*causes} <= {*SIBLINGS}:
+        return f"See to {names} first: both are recomputed from the same rows, and may have the same cause."
+    if rule_id in _EVIDENCE:
+        return (
+            f"Repair {names} first, and leave evidence as it is: it may be right, and the rows it is held against not."
+        )
+    return f"Repair {names} first, and change nothing for this rule: it may hold then."
 
 
 class Failed(NamedTuple):

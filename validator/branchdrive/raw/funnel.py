@@ -18,7 +18,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["STAGES", "Funnel", "GroupOutcome", "funnel_of", "group_outcomes"]
+__all__ = ["LACKS", "STAGES", "Funnel", "GroupOutcome", "funnel_of", "group_outcomes"]
 
 STAGES = {
     "discovered": "Groups discovered",
@@ -28,6 +28,14 @@ STAGES = {
     "eligibility": "Structurally eligible",
 }
 """Stages in order, with their titles."""
+
+LACKS = {
+    "bank": "no exact bank",
+    "controls": "controls not valid",
+    "integrity": "not integrity-complete",
+    "eligibility": "not structurally eligible",
+}
+"""What a group is that is lost at a stage."""
 
 
 @dataclass
