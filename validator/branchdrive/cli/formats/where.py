@@ -33,7 +33,8 @@ def extent_text(finding: Finding) -> str:
     elif count == 2:
         ticks = f"ticks {first} and {last}"
     else:
-        ticks = f"ticks {first} to {last} ({_num_places(finding)}{_spacing(first, last, finding)})"
+        ticks = ", ".join(filter(None, (f"ticks {first} to {last}", _spacing(first, last, finding))))
+        ticks += f" ({_num_places(finding)})"
     return ", ".join(filter(None, (ticks, _to_branch(finding))))
 
 
@@ -43,7 +44,7 @@ def further_text(finding: Finding) -> str:
     if not isinstance(first, int):
         return _num_places(finding)
     end = f"to tick {last}" if last is not None and last > first else ""
-    spacing = _spacing(first, int(last or first), finding).removeprefix(", ") if end else ""
+    spacing = _spacing(first, last, finding) if end and last is not None else ""
     return ", ".join(filter(None, (end, spacing, _num_places(finding), _to_branch(finding))))
 
 
@@ -53,15 +54,13 @@ def _num_places(finding: Finding) -> str:
 
 
 def _spacing(first: int, last: int, finding: Finding) -> str:
-    """How far from each other the places are, where they are at all ticks of controls or of observations.
+    """How far from each other the places are, where they are at all ticks of observations; empty elsewhere.
 
     Of actors and images an observation has many.
     """
-    is_control = finding.location.get("table") == "controls"
-    step = 1 if is_control else OBSERVATION_STRIDE_TICKS
-    if {"actor_id", "camera"} & finding.location.keys() or last - first != step * (finding.count - 1):
-        return ""
-    return ", every tick" if is_control else f", every {step} ticks"
+    is_of_many = bool({"actor_id", "camera"} & finding.location.keys()) or finding.location.get("table") == "controls"
+    is_every = last - first == OBSERVATION_STRIDE_TICKS * (finding.count - 1) and finding.count > 2
+    return f"every {OBSERVATION_STRIDE_TICKS}" if is_every and not is_of_many else ""
 
 
 def _to_branch(finding: Finding) -> str:
