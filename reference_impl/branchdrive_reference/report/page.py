@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from branchdrive.cli.formats.causes import CAUSES_HEAD, CauseText
-from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place
+from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place, files_text
 from branchdrive.cli.funnel import LostGroups, funnel_table, lost_groups, lost_title
 from branchdrive.contract.resources import rule_page_text
 from branchdrive.contract.rule import CATALOGUE
@@ -99,7 +99,7 @@ def _head(report: DatasetReport, outcome: Outcome) -> dict[str, Any]:
     validation = report.validation
     facts, level = validation.dataset, outcome.level
     found = {
-        "files": f"{counted(facts.num_files, 'file')} in {counted(facts.num_shards, 'shard')}",
+        "files": f"{files_text(validation)} in {counted(facts.num_shards, 'shard')}",
         "raw layer at": facts.raw_path or "",
         "identity": facts.identity or "",
         "content": facts.content_identity or "",

@@ -73,7 +73,7 @@ UNCLAIMED = "\n".join(
 VALID = f"""\
 synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
-2 shards, 12 files, SIZE
+2 shards, 12 files with the manifest, SIZE
 identity DIGEST
 content  CONTENT
 
@@ -123,7 +123,7 @@ def test_a_valid_dataset_reads_like_this(valid_root: Path) -> None:
 INVALID = f"""\
 synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
-2 shards, 12 files, SIZE
+2 shards, 12 files with the manifest, SIZE
 identity DIGEST
 content  CONTENT
 

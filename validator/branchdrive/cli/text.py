@@ -17,6 +17,7 @@ from branchdrive.cli.formats.causes import CAUSES_HEAD, cause_texts, causes_text
 from branchdrive.cli.formats.outcome import (
     RULE_EXPLAINED,
     cautions,
+    files_text,
     folded,
     headline,
     more_text,
@@ -153,7 +154,7 @@ def _print_head(console: Console, report: Report) -> None:
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
     console.print(Text(", ".join(parts)))
-    files = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), size_text(facts.num_bytes)]
+    files = [counted(facts.num_shards, "shard"), files_text(report), size_text(facts.num_bytes)]
     console.print(Text(", ".join(files) + with_companions(report)))
     if facts.raw_path:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))

@@ -25,9 +25,9 @@ from branchdrive.engine.waiver import Waiver, WaiverOutcome
 from branchdrive.text.brief import brief
 
 __all__ = [
-    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "cautions", "failures", "folded",
-    "headline", "level_of", "more_text", "refusals", "sizes", "summary", "unjudged", "verdict_level", "waiver_text",
-    "with_companions",
+    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "cautions", "failures",
+    "files_text", "folded", "headline", "level_of", "more_text", "refusals", "sizes", "summary", "unjudged",
+    "verdict_level", "waiver_text", "with_companions",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
@@ -198,6 +198,13 @@ def sizes(report: Report) -> str:
     if not facts.num_shards and report.num_groups is not None:
         return f"{counted(report.num_groups, 'branch group')} as the release claims; no raw layer to count rollouts in"
     return f"{counted(facts.num_groups, 'branch group')}, {counted(facts.num_rollouts, 'rollout')}"
+
+
+def files_text(report: Report) -> str:
+    """How many files there are, and whether the manifest is one more than those that it lists."""
+    found = counted(report.dataset.num_files, "file")
+    listed = next((tally.examined for tally in report.tallies if tally.rule_id == "BD-LAY-002"), 0)
+    return f"{found} with the manifest" if listed and report.dataset.num_files == listed + 1 else found
 
 
 def verdict_level(report: Report) -> Level:

@@ -10,7 +10,7 @@ from branchdrive.engine.finding import Finding
 __all__ = ["extent_text", "further_text", "place_text", "with_short_digests"]
 
 _OF_QUANTITIES = ("BD-MOT-006",)
-"""Rules on attempts as a whole, of which a finding counts what is measured over them."""
+"""Rules on attempts as a whole: what a finding of them counts is no places, and it names them."""
 
 _DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{56}\b")
 
@@ -49,8 +49,7 @@ def further_text(finding: Finding) -> str:
 
 
 def _num_places(finding: Finding) -> str:
-    noun = "quantities" if finding.rule in _OF_QUANTITIES else "places"
-    return f"{finding.count:,} {noun}" if finding.count > 1 else ""
+    return f"{finding.count:,} places" if finding.count > 1 and finding.rule not in _OF_QUANTITIES else ""
 
 
 def _spacing(first: int, last: int, finding: Finding) -> str:

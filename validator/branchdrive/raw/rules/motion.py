@@ -155,6 +155,8 @@ def attempts_have_sign_unit_and_clock(view: ShardView, subjects: Mask) -> Iterat
         place: Location = {"table": quantity.table, "column": quantity.column}
         expected = quantity.expected_of_stretch if part else quantity.expected_of_one
         found = ", ".join(filter(None, (f"{value:.3g}", meaning, _STRETCHES[part])))
+        if others := "; ".join(QUANTITIES[name].text for name in names[1:]):
+            found += f"; wrong too: {others}"
         return Mismatch(place, expected, found, len(names))
 
     yield Check.of_subjects(subjects & compared, subjects & bad, describe)
