@@ -176,7 +176,7 @@ def _cause(cause: CauseText, gallery: Gallery) -> dict[str, Any]:
         "title": cause.title,
         "tone": "error" if info.decides else "warning" if info.level == "MUST" else "note",
         "where": cause.where,
-        "found": [(text, gallery.href(finding)) for text, finding in cause.found],
+        "found": [(text, finding and gallery.href(finding)) for text, finding in cause.found],
         "follows": _sentence(cause.follows),
         "remedy": cause.remedy,
     }

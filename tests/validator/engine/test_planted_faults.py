@@ -18,6 +18,7 @@ from branchdrive.cli.formats.causes import CauseText
 from branchdrive.cli.formats.outcome import Outcome
 from branchdrive.cli.formats.table import renderer
 from branchdrive.cli.text import render_report
+from branchdrive.engine import judge, tally
 from branchdrive.engine.report import Report
 
 BRAKES, LACKS = "g2.brake_0.50.a1", "g1.accelerate_0.80.a1"
@@ -132,3 +133,33 @@ def test_a_fault_of_the_nominal_explains_those_that_are_held_against_it(tmp_path
     found = validate_once(draft.write(tmp_path / "dataset"))
     assert sum(f.rule == "BD-RPN-003" for f in found.findings) == 12
     assert [cause.rule_id for cause in found.causes.first] == ["BD-CTL-009"]
+
+
+def _plant_in_two_tables(draft: Draft) -> None:
+    """Speeds of one group are in another unit, and velocities of the actors of another."""
+    attempts = {group: draft.take("rollouts", group_id=group)["rollout_id"].to_pylist() for group in ("g0", "g1")}
+    draft.set("observations", "speed_mps", lambda speed: 3.6 * speed, rollout_id=attempts["g0"])
+    for column in ("vel_x_mps", "vel_y_mps"):
+        draft.set("actors", column, lambda speed: 1.5 * speed, rollout_id=attempts["g1"])
+
+
+def test_faults_of_two_tables_are_two_causes_of_one_rule(tmp_path: Path) -> None:
+    draft = new_draft()
+    _plant_in_two_tables(draft)
+    found = validate_once(draft.write(tmp_path / "dataset"))
+    causes = [cause for cause in found.causes.first if cause.rule_id == "BD-MOT-006"]
+    assert [cause.extents[0].groups for cause in causes] == [("g0",), ("g1",)]
+    assert [cause.columns for cause in causes] == [("speed_mps",), ("vel_x_mps",)]
+    assert sum(cause.num_attempts for cause in causes) == sum(f.rule == "BD-MOT-006" for f in found.findings)
+
+
+def test_a_cause_of_which_no_finding_is_kept_says_what_its_group_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draft = new_draft()
+    _plant_in_two_tables(draft)
+    root = draft.write(tmp_path / "dataset")
+    for module in (judge, tally):
+        monkeypatch.setattr(module, "MAX_FINDINGS_PER_RULE", 1)
+    texts = [cause.found for cause in Outcome.of(validate_once(root), 5).causes if cause.info.id == "BD-MOT-006"]
+    assert any(text.startswith("g1, in vel_x_mps: expected ") and finding is None for ((text, finding),) in texts)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from branchdrive.contract.rule import CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import printable
@@ -94,7 +94,7 @@ class Consequence:
 
 @dataclass(frozen=True)
 class Cause:
-    """A rule that fails where no other explains it.
+    """A rule that fails where no other explains it; in rows of one table, as other tables have other faults.
 
     Attributes:
         rule_id: The rule.
@@ -108,6 +108,8 @@ class Cause:
         is_everywhere: Whether it is in every group of the dataset.
         consequences: What may follow from it, causes before their consequences.
         together: Other causes that are in all of its groups.
+        detail: Of the first of its groups, column, and what was expected and found, where no finding is kept; may be
+            empty.
     """
 
     rule_id: str
@@ -121,6 +123,7 @@ class Cause:
     is_everywhere: bool = False
     consequences: tuple[Consequence, ...] = ()
     together: tuple[str, ...] = ()
+    detail: str = ""
 
     @property
     def info(self) -> RuleInfo:
@@ -189,7 +192,7 @@ NO_CAUSES = Causes()
 
 @dataclass
 class _Totals:
-    """What a pass over the groups adds up for one rule where nothing explains it."""
+    """What a pass over the groups adds up for one rule and table where nothing explains it."""
 
     extents: list[Extent] = field(default_factory=list)
     num_shards: int = 0
@@ -199,6 +202,11 @@ class _Totals:
     together: set[str] | None = None
     groups_of: Counter[str] = field(default_factory=Counter)
     attempts_of: Counter[str] = field(default_factory=Counter)
+    detail: str = ""
+
+
+_Key: TypeAlias = tuple[str, str]
+"""A rule, and the table that it first fails in in a group; empty where that is not known."""
 
 
 def find_causes(tallies: Mapping[str, Tally], shards: Sequence[ShardResult]) -> Causes:
@@ -216,7 +224,7 @@ def find_causes(tallies: Mapping[str, Tally], shards: Sequence[ShardResult]) -> 
         if not found.counted[rule_id]:
             found.add_rule_of_dataset(rule_id)
     num_groups = sum(len(shard.funnel.outcomes) for shard in shards)
-    first = [_cause(failed[rule_id], totals, len(shards), num_groups) for rule_id, totals in found.causes.items()]
+    first = [_cause(key, failed[key[0]], totals, len(shards), num_groups) for key, totals in found.causes.items()]
     return Causes(tuple(sorted(first, key=_cause_place)), found.following())
 
 
@@ -230,26 +238,28 @@ class _Search:
     def __init__(self, failed: Mapping[str, Tally]) -> None:
         self._failed = failed
         self._relation = DatasetCauses(failed)
-        self.causes: dict[str, _Totals] = {}
+        self.causes: dict[_Key, _Totals] = {}
         self.counted: Counter[str] = Counter()
         self._explained: Counter[str] = Counter()
         self._following: dict[str, Counter[str]] = {}
 
     def add_shard(self, shard: ShardResult) -> None:
         """Add the groups of a shard."""
-        found: dict[str, list[tuple[str, int]]] = {}
+        found: dict[_Key, list[tuple[str, int]]] = {}
         for outcome in (outcome for outcome in shard.funnel.outcomes if outcome.failed):
-            for rule_id, number in self._add_group(outcome).items():
-                found.setdefault(rule_id, []).append((printable(outcome.group_id[:128]), number))
-        for rule_id, groups in found.items():
-            _add_extent(self.causes[rule_id], shard, groups)
+            for key, number in self._add_group(outcome).items():
+                found.setdefault(key, []).append((printable(outcome.group_id[:128]), number))
+        for key, groups in found.items():
+            _add_extent(self.causes[key], shard, groups)
 
-    def _add_group(self, outcome: GroupOutcome) -> dict[str, int]:
+    def _add_group(self, outcome: GroupOutcome) -> dict[_Key, int]:
         """Add the rules that one group fails; its causes, each with the attempts that nothing explains."""
         group = GroupCauses(outcome, self._failed, self._relation)
-        here = group.causes
+        here, tables = group.causes, dict(outcome.tables)
         for rule_id in here:
-            totals = self.causes.setdefault(rule_id, _Totals())
+            totals = self.causes.setdefault((rule_id, tables.get(rule_id, "")), _Totals())
+            if outcome.rules and rule_id == min(outcome.rules, key=cause_order):
+                totals.detail = totals.detail or outcome.detail
             others = {*here} - {rule_id}
             totals.together = others if totals.together is None else totals.together & others
         for rule_id, number in group.failed.items():
@@ -257,23 +267,24 @@ class _Search:
             self._explained[rule_id] += (number or 1) - (here[rule_id] or 1 if rule_id in here else 0)
         for rule_id, numbers in group.following.items():
             for root, number in numbers.items():
-                self._follows(rule_id, root, number or 1)
-                self.causes[root].groups_of[rule_id] += 1
-                self.causes[root].attempts_of[rule_id] += number
-        return here
+                totals = self._follows(rule_id, (root, tables.get(root, "")), number or 1)
+                totals.groups_of[rule_id] += 1
+                totals.attempts_of[rule_id] += number
+        return {(rule_id, tables.get(rule_id, "")): number for rule_id, number in here.items()}
 
     def add_rule_of_dataset(self, rule_id: str) -> None:
         """Add a rule that fails in no single group."""
         roots = self._relation.roots_of(rule_id)
         if not roots:
-            self.causes.setdefault(rule_id, _Totals())
+            self.causes.setdefault((rule_id, ""), _Totals())
         for root in roots:
-            self._follows(rule_id, root, 0)
-            self.causes[root].groups_of.setdefault(rule_id, 0)
+            for key in [key for key in self.causes if key[0] == root] or [(root, "")]:
+                self._follows(rule_id, key, 0).groups_of.setdefault(rule_id, 0)
 
-    def _follows(self, rule_id: str, root: str, number: int) -> None:
-        self._following.setdefault(rule_id, Counter())[root] += number
-        self.causes.setdefault(root, _Totals())
+    def _follows(self, rule_id: str, root: _Key, number: int) -> _Totals:
+        """Note that a rule may fail because of a cause, and tell what that adds up."""
+        self._following.setdefault(rule_id, Counter())[root[0]] += number
+        return self.causes.setdefault(root, _Totals())
 
     def following(self) -> dict[str, Following]:
         """Rules that may fail because of others."""
@@ -299,8 +310,9 @@ def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str,
         totals.extents.append(Extent(shard.folder.rpartition("/")[2], first, groups[-1][0], *sizes))
 
 
-def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
+def _cause(key: _Key, tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
     findings = [f for f in tally.findings if not f.follows and (not totals.names or f.group_id in totals.names)]
+    findings = [f for f in findings if key[1] in ("", f.location.get("table"))]
     firsts = {_kind_of_place(f): f for f in reversed(findings)}
     return Cause(
         tally.rule_id,
@@ -314,6 +326,7 @@ def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> C
         bool(totals.num_groups) and totals.num_groups == num_groups,
         tuple(_consequences(totals)),
         tuple(sorted(totals.together or (), key=cause_order)),
+        "" if findings else totals.detail,
     )
 
 

@@ -107,12 +107,17 @@ class GroupFailures:
             failed = [(rule, int(counts[group])) for rule, counts in counts_of.items() if counts[group]]
             failed += [(rule, 0) for rule, mask in self._groups.items() if mask[group]]
             follows = tuple((rule, causes, number) for (rule, causes), number in sorted(explained[group].items()))
+            firsts = ((rule, self._first.get((self._ids[group], rule))) for rule, _ in failed)
+            tables = tuple(
+                (rule, str(one.location["table"])) for rule, one in firsts if one and "table" in one.location
+            )
             detail = hint = ""
             if outcome.rules and outcome.is_branched:
                 detail, hint = detail_of(outcome, self._first), hint_of(self._ids[group], self._first)
-            parts = (tuple(failed), follows, detail, hint)
-            every, follows, detail, hint = (same.setdefault(part, part) for part in parts)
-            result.append(replace(outcome, failed=every, follows=follows, detail=detail, hint=hint))
+            parts = {
+                "failed": tuple(failed), "follows": follows, "tables": tables, "detail": detail, "hint": hint,
+            }  # fmt: skip
+            result.append(replace(outcome, **{name: same.setdefault(part, part) for name, part in parts.items()}))
         return result
 
     def roots(self) -> list[Roots]:

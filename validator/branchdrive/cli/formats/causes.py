@@ -43,8 +43,8 @@ class CauseText(NamedTuple):
         info: The rule.
         title: What does not hold.
         where: Shards, groups and attempts, or how many violations where it is about no single group.
-        found: Where it fails first, what was expected and what was found, with the finding, by table and column or by
-            file; none where that is not kept.
+        found: Where it fails first, what was expected and what was found, with the finding as far as it is kept, by
+            column or by file.
         follows: What may follow from it, each as far as it does, which other causes are in its groups, and what is
             known of the files that they are in; may be empty.
         remedy: What to do.
@@ -53,7 +53,7 @@ class CauseText(NamedTuple):
     info: RuleInfo
     title: str
     where: str
-    found: tuple[tuple[str, Finding], ...]
+    found: tuple[tuple[str, Finding | None], ...]
     follows: str
     remedy: str
 
@@ -69,7 +69,9 @@ def cause_texts(report: Report) -> list[CauseText]:
 def _text(
     cause: Cause, causes: Sequence[Cause], tallies: dict[str, Tally], changed: Sequence[tuple[str, str]]
 ) -> CauseText:
-    found = [(_found(finding), finding) for finding in cause.firsts[:_PLACES_SHOWN]]
+    found: list[tuple[str, Finding | None]] = [(_found(finding), finding) for finding in cause.firsts[:_PLACES_SHOWN]]
+    if cause.detail and cause.extents:
+        found.append((f"{cause.extents[0].groups[0]}{cause.detail}", None))
     where = _extent(cause) or violations(tallies[cause.rule_id])
     if (left := len(cause.firsts) - len(found)) > 0:
         where += f", {counted(left, 'place')} of them not shown here"
