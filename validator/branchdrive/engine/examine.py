@@ -173,7 +173,7 @@ def _of_rows(view: ShardView, check: Check) -> Iterator[Mismatch]:
         found = check.mismatch(row)
         where = _row_location(view, str(check.table), row, found.location)
         group_id = str(view.rollouts["group_id"][attempt]) if attempt >= 0 else None
-        last_tick = int(table["tick"][check.bad[last]]) if "tick" in where else None
+        last_tick = int(table["tick"][check.bad[last]]) if isinstance(table, StreamView) else None
         yield Mismatch(where, found.expected, found.found, rows, group_id, last_tick, _branch_tick(view, attempt))
 
 
