@@ -16,12 +16,12 @@ setup: .venv/.installed
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "BranchDrive needs Python 3.11 or newer; run: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
-	@echo "setup: installs about 135 packages into .venv, 2.7 GB, once; 1 to 5 minutes, longer on a busy machine, and as long as torch takes to download"
+	@echo "setup: installs about 145 packages into .venv, 2.7 GB, once; 1 to 5 minutes, longer on a busy machine, and as long as torch takes to download"
 	$(PYTHON) -m venv .venv
 	@{ $(BIN)/pip install --disable-pip-version-check --progress-bar off -c constraints.txt \
 		-e ".[sim,media,plots,report,models,guard,export,conformance,dev]"; echo $$? > .venv/status; } | { n=0; while read -r what name rest; do case "$$what" in \
-			Collecting) n=$$((n + 1)); echo "setup: $$n $$name";; \
-			Installing) echo "setup: installing all of them";; esac; done; }
+			Collecting|Processing) n=$$((n + 1)); name=$${name##*/}; echo "setup: $$n $${name%%-[0-9]*}";; \
+			Installing) [ "$$name" != collected ] || echo "setup: installing all $$n of them";; esac; done; }
 	@read status < .venv/status; [ $$status -eq 0 ] || \
 		{ echo "setup: pip ended with $$status; what it said is above. To go on, run: make setup" >&2; exit 1; }
 	@touch $@
@@ -43,6 +43,7 @@ demo: setup
 	$(BIN)/branchdrive-validate $(DEMO)/dataset --jobs $(JOBS) --require-groups $(FROZEN)
 	$(BIN)/branchdrive draw $(DEMO)/dataset --output $(DEMO)/pictures
 	$(BIN)/branchdrive report $(DEMO)/dataset --output $(DEMO)/report.html --jobs $(JOBS)
+	@echo "demo: open $(DEMO)/report.html"
 
 ## collect 20 groups from highway-env, build a release of them, validate it, report on it as a pilot; film two more
 example-highway: setup

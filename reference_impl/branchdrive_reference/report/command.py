@@ -77,6 +77,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
         else:
             replace_file(args.output, text.encode())
         return 0
+    from branchdrive.cli.formats.outcome import headline
     from branchdrive_reference.report.page import render_pages
 
     pages = render_pages(report, name=args.output.name, folder=None if folder is None else folder.name)
@@ -91,6 +92,7 @@ def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     stdout.write(
         f"{printable(str(args.output))}: {len(pages.report):,} bytes; {counted(len(report.groups), 'group')}, "
         f"{pages.num_played:,} to play in it{beside}\n"
+        f"Verdict: {headline(report.validation)}\n"
     )
     return 0
 

@@ -26,7 +26,6 @@ from branchdrive.errors import DatasetError, UsageError
 from branchdrive.formats.place import Place, open_store
 from branchdrive.formats.store import Store
 from branchdrive.formats.table_file import read_layer_table
-from branchdrive.raw.funnel import STAGES
 from branchdrive.raw.reader import Dataset, open_dataset
 from branchdrive.raw.rollout import ROLLOUTS
 from branchdrive.runtime.executor import Executor, in_process
@@ -42,14 +41,6 @@ __all__ = ["DatasetReport", "GroupFacts", "Seen", "read_report", "scenes"]
 
 _DOCUMENTS = (*REQUIRED.values(), *ADDED.values(), LATENCY_FILE)
 """Documents of a release that a report shows."""
-
-_LACKS = {
-    STAGES["bank"]: "bank not exact",
-    STAGES["controls"]: "controls not valid",
-    STAGES["integrity"]: "not integrity-complete",
-    STAGES["eligibility"]: "not structurally eligible",
-}
-"""What groups lack that are lost at a stage."""
 
 _MOST_FIGURE_BYTES = 1_500_000
 """Of all figures of a benchmark together; more are named and not shown."""
@@ -75,10 +66,10 @@ class GroupFacts:
 
     @property
     def outcome(self) -> str:
-        """Whether it qualifies, else what it lacks."""
+        """Whether it qualifies, else what it is that it is lost for."""
         if self.result is None:
             return "not judged"
-        return "qualifies" if self.result.stage is None else _LACKS[self.result.stage]
+        return "qualifies" if self.result.qualifies else self.result.lacks
 
 
 @dataclass(frozen=True)

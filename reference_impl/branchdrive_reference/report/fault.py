@@ -14,6 +14,7 @@ from branchdrive.cli.formats.outcome import Level, failures
 from branchdrive.contract.rule import CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import counted, printable
 from branchdrive.engine.finding import Finding
+from branchdrive.engine.relation import SIBLINGS
 from branchdrive.engine.report import Report
 from branchdrive.text.brief import brief
 from branchdrive_reference.report.judgement import Judgement
@@ -155,10 +156,11 @@ class Faults:
         return {**self._kept.get(name, {}), **{rule: found for rule, found in own.items() if found}}
 
     def _causes(self, rule_id: str, rules: Sequence[str]) -> list[str]:
-        """Rules that may be why a rule fails, of those that the group fails and those on the whole dataset."""
+        """Rules that a rule may follow from, of those that the group fails and those on the whole dataset."""
         following = self._report.causes.following
         named = (cause for cause, _ in following[rule_id].causes) if rule_id in following else ()
-        return [cause for cause in named if cause in rules or CATALOGUE[cause].scope == "dataset"]
+        here = [cause for cause in named if cause in rules or CATALOGUE[cause].scope == "dataset"]
+        return [cause for cause in here if cause not in SIBLINGS]
 
 
 def _printed(rollout_id: object) -> str:

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from branchdrive.cli.formats.causes import CAUSES_HEAD, CauseText
-from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place
+from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place, files_text
 from branchdrive.cli.funnel import LostGroups, funnel_table, lost_groups, lost_title
 from branchdrive.contract.resources import rule_page_text
 from branchdrive.contract.rule import CATALOGUE
@@ -99,7 +99,7 @@ def _head(report: DatasetReport, outcome: Outcome) -> dict[str, Any]:
     validation = report.validation
     facts, level = validation.dataset, outcome.level
     found = {
-        "files": f"{counted(facts.num_files, 'file')} in {counted(facts.num_shards, 'shard')}",
+        "files": f"{files_text(validation)} in {counted(facts.num_shards, 'shard')}",
         "raw layer at": facts.raw_path or "",
         "identity": facts.identity or "",
         "content": facts.content_identity or "",
@@ -145,7 +145,6 @@ def _validation_context(validation: Report, outcome: Outcome, gallery: Gallery) 
     lost = lost_groups(validation)
     named = {failure.info.id for *_, failures in outcome.sections for failure in failures}
     named |= {rule for same in lost for rule in (*same.rules, *same.further)}
-    first = {cause.rule_id: cause.first for cause in validation.causes.first}
     response = validation.response
     return {
         "funnel": None if validation.funnel is None else funnel_bars(validation.funnel),
@@ -155,7 +154,7 @@ def _validation_context(validation: Report, outcome: Outcome, gallery: Gallery) 
         "lost_more": _more(sum(len(same.names) for same in lost[_MOST_LOST:]), "group"),
         "lost_title": lost_title(validation),
         "causes_head": CAUSES_HEAD,
-        "causes": [_cause(cause, first[cause.info.id], gallery) for cause in outcome.causes],
+        "causes": [_cause(cause, gallery) for cause in outcome.causes],
         "findings": [
             (head, [_failure(level, one, gallery) for one in failures]) for level, head, failures in outcome.sections
         ],
@@ -170,15 +169,14 @@ def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def _cause(cause: CauseText, first: Finding | None, gallery: Gallery) -> dict[str, Any]:
+def _cause(cause: CauseText, gallery: Gallery) -> dict[str, Any]:
     info = cause.info
     return {
         "id": info.id,
         "title": cause.title,
         "tone": "error" if info.decides else "warning" if info.level == "MUST" else "note",
         "where": cause.where,
-        "found": cause.found,
-        "href": None if first is None else gallery.href(first),
+        "found": [(text, finding and gallery.href(finding)) for text, finding in cause.found],
         "follows": _sentence(cause.follows),
         "remedy": cause.remedy,
     }
@@ -188,7 +186,7 @@ def _failure(level: Level, failure: Failure, gallery: Gallery) -> dict[str, Any]
     places, left = failure.places, failure.num_left
     return {
         "id": failure.info.id,
-        "title": failure.info.title,
+        "title": failure.info.title if failure.is_error else failure.info.broken,
         "kind": failure.info.kind,
         "tone": level,
         "summary": failure.summary,

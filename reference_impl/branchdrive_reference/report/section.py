@@ -16,7 +16,7 @@ from branchdrive.cli.population import population_table, retention_table
 from branchdrive.contract.layout import FILTERING_FILE, LATENCY_FILE, LEAKAGE_FILE, LEDGER_FILE, RESULTS_FILE
 from branchdrive.contract.text import count_text, printable
 from branchdrive.engine.report import POPULATION_BASIS
-from branchdrive.engine.response_table import response_doubt, response_table
+from branchdrive.engine.response_table import IN_DOUBT, response_doubt, response_table
 from branchdrive.leakage.text import leakage_sentences
 from branchdrive.quality.text import (
     PARTITION_TITLES,
@@ -78,7 +78,7 @@ def _response(report: DatasetReport) -> Section:
         if response.constant:
             listed = ", ".join(f"{name} {value:.4g}" for name, value in sorted(response.constant.items()))
             parts.append(Passage("", [f"The same in every observation: {listed}."]))
-    doubt = response_doubt(report.validation)
+    doubt = response_doubt(report.validation).removeprefix(IN_DOUBT)
     return Section("response", "Action response", tuple(parts), (doubt,) if doubt else ())
 
 

@@ -76,6 +76,6 @@ def shared_data(
         "families": [_words(name) for name in numbers],
         "steps": {**STEPS, "road_m": STEP_M},
         "towns": dict(towns),
-        "rules": {rule_id: [CATALOGUE[rule_id].title, level] for rule_id, level in levels.items()},
+        "rules": {rule_id: [CATALOGUE[rule_id].broken, level] for rule_id, level in levels.items()},
         "report": report,
     }

@@ -167,7 +167,9 @@ def _largest_discrepancies(study: Study) -> Table | None:
     variables = [(spread.variable, spread.unit) for spread in study.interventions[: len(CORE)]]
     columns = [Column(f"{name}, {unit}" if unit else name) for name, unit in variables]
     rows = [[name, *(_extent(spread.max) for spread in spreads[: len(CORE)])] for name, spreads in compared.items()]
-    return Table("Largest discrepancy from the nominal before the branch", [Column.name("of"), *columns], rows)
+    groups = counted(study.population.num_integrity_complete, "integrity-complete group")
+    title = f"Largest discrepancy from the nominal before the branch, in {groups}"
+    return Table(title, [Column.name("of"), *columns], rows)
 
 
 def _print_study(console: Console, study: Study) -> None:
@@ -199,10 +201,11 @@ def _skipped(population: CollectedGroups) -> str:
         return ""
     reasons = []
     if count := population.num_without_complete:
-        reasons.append(f"{count:,} {'lacks' if count == 1 else 'lack'} a complete attempt")
+        reasons.append(f"{count:,} that {'lacks' if count == 1 else 'lack'} a complete attempt")
     if count := population.num_noncompliant:
-        reasons.append(f"{count:,} {'breaks' if count == 1 else 'break'} a rule")
-    return f"; {skipped:,} skipped: {', '.join(reasons)}"
+        reasons.append(f"{count:,} that {'breaks' if count == 1 else 'break'} a rule")
+    verb = "is" if skipped == 1 else "are"
+    return f"; left out of outcomes, ranks and discrepancies {verb} {' and '.join(reasons)}"
 
 
 def _held(population: CollectedGroups, drives: CollectedDrives | None) -> dict[str, str]:
@@ -390,4 +393,7 @@ def _equality_text(study: Study) -> tuple[str, str]:
     if alone := equality.num_replays - num:
         text += f" {alone:,} more {'lacks' if alone == 1 else 'lack'} a complete nominal or "
         text += f"{'is' if alone == 1 else 'are'} not complete."
+    left_out = study.population.num_groups - study.population.num_integrity_complete
+    if num and left_out:
+        text += " They are of all groups, also of those that are not integrity-complete."
     return text, style

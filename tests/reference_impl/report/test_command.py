@@ -17,11 +17,13 @@ from branchdrive_reference.report import gallery
 from branchdrive_reference.study.survey import study_dataset
 
 
-def test_a_report_is_one_file_and_one_line(dataset: Path, tmp_path: Path) -> None:
+def test_a_report_is_one_file_and_tells_its_verdict(dataset: Path, tmp_path: Path) -> None:
     code, out, err = report(dataset, "--output", tmp_path / "report.html")
     assert (code, err) == (0, "")
     size = (tmp_path / "report.html").stat().st_size
-    assert out == f"{tmp_path / 'report.html'}: {size:,} bytes; 3 groups, 3 to play in it\n"
+    size_line, verdict_line = out.splitlines()
+    assert size_line == f"{tmp_path / 'report.html'}: {size:,} bytes; 3 groups, 3 to play in it"
+    assert verdict_line == "Verdict: valid - the dataset conforms to the specification; 3 of 3 groups qualify"
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 

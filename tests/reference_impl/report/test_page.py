@@ -159,7 +159,7 @@ def test_groups_that_do_not_qualify_are_named_with_their_reasons(damaged_dataset
     validated = validate(damaged_dataset)
     lost = [group for group in validated.groups or () if not group.qualifies]
     assert lost
-    assert f"{validated.dataset.num_files} files in {validated.dataset.num_shards} shard" in page.text
+    assert f"{validated.dataset.num_files} files with the manifest in {validated.dataset.num_shards} shard" in page.text
     for group in lost:
         assert group.group_id in page.text
         assert group.reason.replace("`", "") in page.text

@@ -111,9 +111,11 @@ def test_skipped_groups_are_named_as_such(tmp_path: Path) -> None:
     nominal = f"{group_name(0)}.nominal.a1"
     samples.written(tmp_path / "d", {"rollouts": samples.replaced("status", {nominal: "partial"})})
     _, out, _ = study(tmp_path / "d")
-    assert "3, 2 integrity-complete; 1 skipped: 1 lacks a complete attempt" in out
+    out = " ".join(out.split())
+    assert "3, 2 integrity-complete; left out of outcomes, ranks and discrepancies is 1 that lacks a complete" in out
     assert "4 compared nominal replays differ" in out
-    assert "2 more lack a complete nominal or are not complete." in " ".join(out.split())
+    assert "They are of all groups, also of those that are not integrity-complete." in out
+    assert "2 more lack a complete nominal or are not complete." in out
 
 
 def test_without_evidence_the_text_says_what_is_unknown(tmp_path: Path) -> None:

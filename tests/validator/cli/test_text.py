@@ -73,7 +73,7 @@ UNCLAIMED = "\n".join(
 VALID = f"""\
 synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
-2 shards, 12 files, SIZE
+2 shards, 12 files with the manifest, SIZE
 identity DIGEST
 content  CONTENT
 
@@ -89,20 +89,22 @@ Structurally eligible       3
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.06 [+4.06, +4.06]
-accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]
-accelerate_0.80        3  -0.74 [-2.19, +0.71]  +7.43 [+7.43, +7.43]
-brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]
-brake_0.50             3  +0.07 [-0.07, +0.20]  -4.34 [-4.34, -4.34]
-brake_1.00             3  +0.17 [-0.18, +0.52]  -4.34 [-4.34, -4.34]
-steer_left_0.05        3  +1.03 [+0.32, +1.73]  +0.00 [+0.00, +0.00]
-steer_left_0.10        3  +2.40 [+1.71, +3.09]  +0.00 [+0.00, +0.00]
-steer_left_0.15        3  +3.75 [+3.08, +4.41]  +0.00 [+0.00, +0.00]
-steer_right_0.05       3  -1.74 [-2.43, -1.05]  +0.00 [+0.00, +0.00]
-steer_right_0.10       3  -3.09 [-3.75, -2.44]  +0.00 [+0.00, +0.00]
-steer_right_0.15       3  -4.41 [-5.02, -3.79]  +0.00 [+0.00, +0.00]
-Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over attempts
-that equal their nominal up to the branch; replays with noise never do.
+accelerate_0.30        3  -0.55 [-1.62, +0.53]  +4.06 [+4.06, +4.06]          0                  -
+accelerate_0.50        3  -0.62 [-1.85, +0.60]  +5.41 [+5.41, +5.41]          0                  -
+accelerate_0.80        3  -0.74 [-2.19, +0.71]  +7.43 [+7.43, +7.43]          0                  -
+brake_0.30             3  +0.02 [-0.02, +0.06]  -2.00 [-2.00, -2.00]          0                  -
+brake_0.50             3  +0.07 [-0.07, +0.20]  -4.34 [-4.34, -4.34]          0                  -
+brake_1.00             3  +0.17 [-0.18, +0.52]  -4.34 [-4.34, -4.34]          0                  -
+steer_left_0.05        3  +1.03 [+0.32, +1.73]  +0.00 [+0.00, +0.00]          0                  -
+steer_left_0.10        3  +2.40 [+1.71, +3.09]  +0.00 [+0.00, +0.00]          0                  -
+steer_left_0.15        3  +3.75 [+3.08, +4.41]  +0.00 [+0.00, +0.00]          0                  -
+steer_right_0.05       3  -1.74 [-2.43, -1.05]  +0.00 [+0.00, +0.00]          0                  -
+steer_right_0.10       3  -3.09 [-3.75, -2.44]  +0.00 [+0.00, +0.00]          0                  -
+steer_right_0.15       3  -4.41 [-5.02, -3.79]  +0.00 [+0.00, +0.00]          0                  -
+Means with normal 95 % intervals over all groups in which the action and the nominal are whole up to then, also those
+that do not qualify. Left and faster are positive.
+Unchanged are groups in which the action changed no pose and no speed. The first response is a median over attempts that
+equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
 Rules: PASSED, SKIPPED, {NUM_UNCLAIMED} not-claimed
@@ -121,31 +123,33 @@ def test_a_valid_dataset_reads_like_this(valid_root: Path) -> None:
 INVALID = f"""\
 synthetic 0.1.0 at PLACE
 3 branch groups, 46 rollouts, 9,246 controls, 1,886 observations, 8,952 actors
-2 shards, 12 files, SIZE
+2 shards, 12 files with the manifest, SIZE
 identity DIGEST
 content  CONTENT
 
 What to look at first
-  BD-CTL-009  Applied control equals the online expert while inactive
+  BD-CTL-009  Does not hold: Applied control equals the online expert while inactive
       all of shard-00000: g0 to g1 (2 groups), 30 of 31 attempts
-      g0, tick 30: COMMANDS
+      g0.accelerate_0.30.a1, controls, ticks 30 and 31, 3.50 to 3.45 s before the branch: COMMANDS
       remedy: Leave the ego to the online expert outside the active window, and apply and record the very float32
       command of the expert, not a quantised one.
-  BD-VAL-002  Values lie in their declared range, in speed_mps
+  BD-VAL-002  Does not hold: Values lie in their declared range
       1 of 2 groups of shard-00000: g0, 1 of 31 attempts
-      g0, tick 15: expected -200 .. 200 m/s; found 1000.0
+      g0.nominal.a1, observations.speed_mps, tick 15, 4.25 s before the branch: expected -200 .. 200 m/s; found 1000.0
       its group fails BD-CTL-009 too
       remedy: Correct units, frame or wrapping; ranges are in schemas/v0.1/columns.json.
 
 Violations
-  BD-VAL-002  Values lie in their declared range: 1 violation in EXAMINED rows
+  BD-VAL-002  Does not hold: Values lie in their declared range: 1 violation in EXAMINED rows
       file=raw/shard-00000/observations.parquet table=observations column=speed_mps rollout_id=g0.nominal.a1 tick=15
+      (4.25 s before the branch)
         expected -200 .. 200 m/s; found 1000.0
       remedy: Correct units, frame or wrapping; ranges are in schemas/v0.1/columns.json.
 
 Why attempts and groups do not qualify
-  BD-CTL-009  Applied control equals the online expert while inactive: 30 violations in 45 rollouts
-      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30  (2 places), and 29 more attempts in 2 groups
+  BD-CTL-009  Does not hold: Applied control equals the online expert while inactive: 30 violations in 45 rollouts
+      group_id=g0 rollout_id=g0.accelerate_0.30.a1 table=controls tick=30  (to tick 31, 2 places, 3.50 to 3.45 s before
+      the branch), and 29 more attempts in 2 groups
         COMMANDS
       remedy: Leave the ego to the online expert outside the active window, and apply and record the very float32
       command of the expert, not a quantised one.
@@ -162,30 +166,32 @@ Integrity-complete          1
 Structurally eligible       1
 
 Groups that do not qualify: 2 of 3
-Group  Lost at         Why                                                                   Rules
+Group  Lost as             Why                                                               Rules
 ------------------------------------------------------------------------------------------------------------------------
-g0     Exact bank      does not hold: Values lie in their declared range, in speed_mps:      BD-VAL-002; also BD-CTL-009
-                       expected -200 .. 200 m/s, found 1000.0
-g1     Controls valid  does not hold: Applied control equals the online expert while         BD-CTL-009
-                       inactive: COMMANDS
+g0     no exact bank       does not hold: Values lie in their declared range, in speed_mps:  BD-VAL-002; also BD-CTL-009
+                           expected -200 .. 200 m/s, found 1000.0
+g1     controls not valid  does not hold: Applied control equals the online expert while     BD-CTL-009
+                           inactive: COMMANDS
 
 Action response: against nominal, 2.5 s after the branch
 Action            Groups        To the left, m           Faster, m/s  Unchanged  First response, s
 --------------------------------------------------------------------------------------------------
-accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.06 [+4.06, +4.06]
-accelerate_0.50        2  -0.94 [-2.77, +0.90]  +5.41 [+5.41, +5.41]
-accelerate_0.80        2  -1.11 [-3.28, +1.07]  +7.43 [+7.43, +7.43]
-brake_0.30             2  +0.03 [-0.03, +0.08]  -2.00 [-2.00, -2.00]
-brake_0.50             2  +0.10 [-0.10, +0.30]  -4.34 [-4.34, -4.34]
-brake_1.00             2  +0.26 [-0.26, +0.78]  -4.34 [-4.34, -4.34]
-steer_left_0.05        2  +0.85 [-0.21, +1.90]  +0.00 [+0.00, +0.00]
-steer_left_0.10        2  +2.23 [+1.19, +3.26]  +0.00 [+0.00, +0.00]
-steer_left_0.15        2  +3.58 [+2.58, +4.57]  +0.00 [+0.00, +0.00]
-steer_right_0.05       2  -1.92 [-2.95, -0.89]  +0.00 [+0.00, +0.00]
-steer_right_0.10       2  -3.26 [-4.25, -2.28]  +0.00 [+0.00, +0.00]
-steer_right_0.15       2  -4.56 [-5.48, -3.64]  +0.00 [+0.00, +0.00]
-Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over attempts
-that equal their nominal up to the branch; replays with noise never do.
+accelerate_0.30        2  -0.82 [-2.43, +0.79]  +4.06 [+4.06, +4.06]          0                  -
+accelerate_0.50        2  -0.94 [-2.77, +0.90]  +5.41 [+5.41, +5.41]          0                  -
+accelerate_0.80        2  -1.11 [-3.28, +1.07]  +7.43 [+7.43, +7.43]          0                  -
+brake_0.30             2  +0.03 [-0.03, +0.08]  -2.00 [-2.00, -2.00]          0                  -
+brake_0.50             2  +0.10 [-0.10, +0.30]  -4.34 [-4.34, -4.34]          0                  -
+brake_1.00             2  +0.26 [-0.26, +0.78]  -4.34 [-4.34, -4.34]          0                  -
+steer_left_0.05        2  +0.85 [-0.21, +1.90]  +0.00 [+0.00, +0.00]          0                  -
+steer_left_0.10        2  +2.23 [+1.19, +3.26]  +0.00 [+0.00, +0.00]          0                  -
+steer_left_0.15        2  +3.58 [+2.58, +4.57]  +0.00 [+0.00, +0.00]          0                  -
+steer_right_0.05       2  -1.92 [-2.95, -0.89]  +0.00 [+0.00, +0.00]          0                  -
+steer_right_0.10       2  -3.26 [-4.25, -2.28]  +0.00 [+0.00, +0.00]          0                  -
+steer_right_0.15       2  -4.56 [-5.48, -3.64]  +0.00 [+0.00, +0.00]          0                  -
+Means with normal 95 % intervals over all groups in which the action and the nominal are whole up to then, also those
+that do not qualify. Left and faster are positive.
+Unchanged are groups in which the action changed no pose and no speed. The first response is a median over attempts that
+equal their nominal up to the branch; replays with noise never do.
 The same in every observation: speed_limit_mps 13.5
 
 Rules: PASSED, 1 fail, SKIPPED, {NUM_UNCLAIMED} not-claimed, 1 failing without deciding
@@ -214,7 +220,7 @@ def test_waivers_are_printed(tmp_path: Path) -> None:
         Waiver("BD-VAL-001", "*", "no longer needed", date(2020, 1, 1), 1),
     ]
     text = shown(validate_once(root, waivers=waivers))
-    assert "BD-VAL-002  Values lie in their declared range (waived): 1 violation" in text
+    assert "BD-VAL-002  Does not hold: Values lie in their declared range (waived): 1 violation" in text
     assert "BD-VAL-002 at *: used, 1 of at most 2, until 2999-01-01 - a [bold]sensor[/] that saturates" in text
     assert "BD-VAL-001 at *: expired, 0 of at most 1, until 2020-01-01; the rule" in text
     assert "until 2020-01-01; the rule has no finding - no longer needed" in " ".join(text.split())

@@ -192,11 +192,14 @@ def test_a_finding_stands_for_all_rows_of_its_attempt(tmp_path: Path) -> None:
         "count": 5,
         "expected": "-200 .. 200 m/s",
         "found": "999.0",
-        "message": "Values lie in their declared range: file=raw/shard-00000/observations.parquet "
+        "message": "Does not hold: Values lie in their declared range: file=raw/shard-00000/observations.parquet "
         "table=observations column=speed_mps rollout_id=g0.accelerate_0.30.a1 tick=0 (5 places): "
         "expected -200 .. 200 m/s, found 999.0",
         "remedy": CATALOGUE["BD-VAL-002"].remedy,
         "waived": False,
+        "last_tick": 20,
+        "branch_tick": 100,
+        "follows": [],
     }
 
 

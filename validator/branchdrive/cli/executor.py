@@ -47,6 +47,6 @@ def engine_of(args: argparse.Namespace) -> Executor | None:
 
 def executor_of(args: argparse.Namespace) -> Executor:
     """What `--executor` and `--jobs` name; processes of this machine begin to load what reads datasets."""
-    from branchdrive.runtime.executor import isolated
+    from branchdrive.runtime.executor import isolated, load_soon
 
-    return engine_of(args) or isolated(args.jobs, soon="branchdrive.engine.reading")
+    return load_soon(engine_of(args) or isolated(args.jobs), "branchdrive.engine.reading")

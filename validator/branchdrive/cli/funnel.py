@@ -28,7 +28,7 @@ class LostGroups(NamedTuple):
     Attributes:
         text: Which they are, in few words.
         names: All of them, in the order of the dataset.
-        stage: Title of the stage that they are lost at.
+        lacks: What they are that they are lost for.
         reason: What the first of them lacks, and whether others found other values.
         rules: Rules that they fail there.
         further: Rules that they fail beside these.
@@ -36,7 +36,7 @@ class LostGroups(NamedTuple):
 
     text: str
     names: tuple[str, ...]
-    stage: str
+    lacks: str
     reason: str
     rules: tuple[str, ...]
     further: tuple[str, ...]
@@ -83,7 +83,7 @@ def _lost(part: Sequence[tuple[int, GroupResult]]) -> LostGroups:
     else:
         left = len(names) - _NAMES_SHOWN
         text = ", ".join(names[:_NAMES_SHOWN]) + (f" and {counted(left, 'more group')}" if left > 0 else "")
-    return LostGroups(text, names, first.stage or "", reason, first.rules, first.further)
+    return LostGroups(text, names, first.lacks, reason, first.rules, first.further)
 
 
 def lost_title(report: Report) -> str:
@@ -97,9 +97,9 @@ def lost_groups_table(report: Report, most: int) -> Table | None:
     lost = lost_groups(report)
     if not lost:
         return None
-    rows = [[same.text, same.stage, same.reason, _rules(same)] for same in lost[:most]]
+    rows = [[same.text, same.lacks, same.reason, _rules(same)] for same in lost[:most]]
     columns = [
-        Column.name("Group", is_code=True), Column("Lost at", is_text=True), Column("Why", is_text=True, is_code=True),
+        Column.name("Group", is_code=True), Column("Lost as", is_text=True), Column("Why", is_text=True, is_code=True),
         Column("Rules", is_text=True),
     ]  # fmt: skip
     more = f"and {counted(sum(len(same.names) for same in lost[most:]), 'other group')}; --format json lists all"

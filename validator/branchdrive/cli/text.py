@@ -13,16 +13,16 @@ from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
-from branchdrive.cli.formats.causes import CAUSES_HEAD, cause_texts, causes_text
+from branchdrive.cli.formats.causes import CAUSES_HEAD, cause_texts, causes_text, remedy_text, violations
 from branchdrive.cli.formats.outcome import (
     RULE_EXPLAINED,
-    also_in,
     cautions,
+    files_text,
     folded,
     headline,
+    more_text,
     refusals,
     sizes,
-    violations,
     waiver_text,
     with_companions,
 )
@@ -154,7 +154,7 @@ def _print_head(console: Console, report: Report) -> None:
         *(f"{facts.rows[table]:,} {table}" for table in ("controls", "observations", "actors") if table in facts.rows),
     ]  # fmt: skip
     console.print(Text(", ".join(parts)))
-    files = [counted(facts.num_shards, "shard"), counted(facts.num_files, "file"), size_text(facts.num_bytes)]
+    files = [counted(facts.num_shards, "shard"), files_text(report), size_text(facts.num_bytes)]
     console.print(Text(", ".join(files) + with_companions(report)))
     if facts.raw_path:
         console.print(Text(f"raw layer at {facts.raw_path}", style="dim"))
@@ -174,7 +174,7 @@ def _print_causes(console: Console, report: Report) -> None:
         style = "red" if cause.info.decides else "yellow"
         console.print(Padding(Text.assemble((cause.info.id, style), f"  {cause.title}"), (0, 0, 0, 2)))
         console.print(Padding(Text(cause.where, style="cyan"), (0, 0, 0, 6)))
-        for line in filter(None, (cause.found, cause.follows)):
+        for line in filter(None, (*(text for text, _ in cause.found), cause.follows)):
             console.print(Padding(Text(line), (0, 0, 0, 6)))
         console.print(Padding(Text(f"remedy: {cause.remedy}", style="dim"), (0, 0, 0, 6)))
     if len(texts) > CAUSES_SHOWN:
@@ -200,13 +200,13 @@ def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None
     info = tally.info
     waived = " (waived)" if is_waived(tally) else ""
     style = "red" if info.decides and not waived else "yellow"
-    line = f"  {info.title}{waived}: {violations(tally)}"
+    line = f"  {info.broken}{waived}: {violations(tally)}"
     console.print(Padding(Text.assemble((info.id, style), line), (0, 0, 0, 2)))
     parts = folded(tally.findings)
     for part in parts[:FINDINGS_SHOWN]:
         finding = part[0]
-        more = (f"  ({finding.count} places)" if finding.count > 1 else "") + also_in(part)
-        console.print(Padding(Text(location_text(finding.location) + more, style="cyan"), (0, 0, 0, 6)))
+        where = f"{location_text(finding.location)} {more_text(part)}".rstrip()
+        console.print(Padding(Text(where, style="cyan"), (0, 0, 0, 6)))
         (said,) = brief(f"expected {finding.expected}; found {finding.found}")
         console.print(Padding(Text(said), (0, 0, 0, 8)))
     # Rules on rows count rows, of which a finding may hold several; the others count findings.
@@ -216,7 +216,7 @@ def _print_rule_findings(console: Console, tally: Tally, report: Report) -> None
         console.print(Padding(Text(more, style="dim"), (0, 0, 0, 6)))
     if follows := causes_text(tally, report):
         console.print(Padding(Text(follows), (0, 0, 0, 6)))
-    console.print(Padding(Text(f"remedy: {info.remedy}", style="dim"), (0, 0, 0, 6)))
+    console.print(Padding(Text(f"remedy: {remedy_text(tally, report)}", style="dim"), (0, 0, 0, 6)))
 
 
 def _print_funnel(console: Console, report: Report) -> None:

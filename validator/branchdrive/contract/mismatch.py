@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_KEPT", "Check", "Location", "Mask", "Mismatch", "Mismatches", "PreconditionError"]
+__all__ = ["MAX_KEPT", "Check", "Location", "Mask", "Mismatch", "Mismatches", "PreconditionError", "Stretch"]
 
 MAX_KEPT = 100
 """Mismatches of a rule that are kept; counts stay exact."""
@@ -40,6 +40,8 @@ class Mismatch:
         found: What the dataset has there, as text.
         count: Mismatching items that this one stands for.
         group_id: The branch group that it is about, where the location has it not.
+        last_tick: The last tick of these items, of which the location has the first; ``None`` where it is not known.
+        branch_tick: That of the attempt; ``None`` where there is none.
     """
 
     location: Location
@@ -47,6 +49,8 @@ class Mismatch:
     found: str
     count: int = 1
     group_id: str | None = None
+    last_tick: int | None = None
+    branch_tick: int | None = None
 
     def within(self, location: Location) -> Mismatch:
         """This mismatch at a place inside of `location`, whose parts come first: a file, a table, a subject."""
@@ -76,6 +80,31 @@ class Mismatches:
 
 
 @dataclass(frozen=True)
+class Stretch:
+    """Ticks between which rows of a table are at fault, by attempt of a shard.
+
+    Attributes:
+        table: The table.
+        first: The first such tick of each attempt, `UNKNOWN` where it is not known, ``[rollouts]``.
+        last: The last.
+        is_there: Attempts with such rows ``[rollouts]``.
+    """
+
+    UNKNOWN: ClassVar[int] = -1
+
+    table: str
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    is_there: Mask
+
+    def last_tick(self, attempt: int, location: Location) -> int | None:
+        """The last tick of an attempt of which a mismatch tells the first; ``None`` where it is of other rows."""
+        here = self.table, int(self.first[attempt])
+        is_its = self.is_there[attempt] and (location.get("table"), location.get("tick")) == here
+        return int(self.last[attempt]) if is_its else None
+
+
+@dataclass(frozen=True)
 class Check:
     """What a rule examined, or a part of it, and which of its subjects mismatch.
 
@@ -84,12 +113,14 @@ class Check:
         bad: Subjects that mismatch, ascending: rows of `table`, or indices of attempts, groups or of a list.
         mismatch: The mismatch of one of them; called for those alone that a report keeps.
         table: Table whose rows are the subjects; ``None`` where they are no rows of a shard or a layer.
+        stretches: Of attempts that mismatch, which rows do, as far as that is known.
     """
 
     examined: int | Mask
     bad: NDArray[np.intp]
     mismatch: Callable[[int], Mismatch]
     table: str | None = None
+    stretches: tuple[Stretch, ...] = ()
 
     @classmethod
     def of(cls, examined: int, mismatches: Iterable[Mismatch] = ()) -> Check:
@@ -127,9 +158,9 @@ class Check:
         return cls(examined, bad, lambda row: Mismatch(dict(location), *describe(row)), table)
 
     @classmethod
-    def of_subjects(cls, examined: Mask, bad: Mask, mismatch: Callable[[int], Mismatch]) -> Check:
+    def of_subjects(cls, examined: Mask, bad: Mask, mismatch: Callable[[int], Mismatch], *stretches: Stretch) -> Check:
         """Check of attempts or groups of a shard, both as masks; `bad` is a subset of `examined`."""
-        return cls(examined, np.flatnonzero(bad), mismatch)
+        return cls(examined, np.flatnonzero(bad), mismatch, stretches=stretches)
 
     @classmethod
     def of_any(cls, first: Check, *others: Check) -> Check:
@@ -139,7 +170,9 @@ class Check:
         """
         homes = {int(i): check for check in (*others[::-1], first) for i in check.bad}
         examined = np.logical_or.reduce([check.mask for check in (first, *others)])
-        return cls(examined, np.array(sorted(homes), np.intp), lambda i: homes[i].mismatch(i))
+        stretches = tuple(stretch for check in (first, *others) for stretch in check.stretches)
+        bad = np.array(sorted(homes), np.intp)
+        return cls(examined, bad, lambda i: homes[i].mismatch(i), stretches=stretches)
 
     @property
     def mask(self) -> Mask:

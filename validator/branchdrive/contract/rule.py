@@ -81,6 +81,11 @@ class RuleInfo:
         """Whether the rule can make a dataset invalid."""
         return self.kind in ("structure", "claim") and self.level == "MUST"
 
+    @property
+    def broken(self) -> str:
+        """The title of a failure: what does not hold, since titles say what should."""
+        return f"Does not hold: {self.title}"
+
     def is_about(self, streams: Collection[str]) -> bool:
         """Whether the rule is about what a dataset with these streams holds; one of drives holds no branch groups."""
         if self.scope == "group" and DECISIONS in streams:

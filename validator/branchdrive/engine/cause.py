@@ -1,22 +1,23 @@
 """Causes and what may follow from them: which rules to look at first, where they fail, and how far they explain others.
 
 What is recomputed from a wrong column differs from what is recorded, and what is expected there is the wrong one. So
-a rule that recomputes may fail in a group because of another rule that fails in the same group, or in the dataset as a
-whole; one that nothing explains is a cause. Source: spec/07-rules.md#report.
+a rule that recomputes may fail in an attempt because of another rule that fails there, or in the dataset as a whole;
+one that nothing explains is a cause. See `branchdrive.engine.relation`. Source: spec/07-rules.md#report.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from branchdrive.contract.rule import CATALOGUE, RuleInfo, cause_order
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding
+from branchdrive.engine.group_causes import DatasetCauses, GroupCauses
 from branchdrive.engine.tally import Tally
+from branchdrive.raw.funnel import GroupOutcome
 
 if TYPE_CHECKING:
     from branchdrive.engine.shard import ShardResult
@@ -28,30 +29,6 @@ MAX_NAMED_GROUPS = 5
 
 MAX_SHARDS = 100
 """Shards that a cause lists."""
-
-_UNIT = ("BD-RSP-007", "BD-MOT-006")
-"""Rules whose findings name a wrong unit, sign or clock, in the dataset and in an attempt."""
-
-_MOTION = (
-    "BD-GRP-009", "BD-GRP-010", "BD-MOT-006", "BD-MOT-001", "BD-BOX-001", "BD-BOX-002", "BD-BOX-003", "BD-RSP-001",
-    "BD-RSP-006", "BD-RSP-007",
-)  # fmt: skip
-"""Rules of which a failure tells of the future of another action, of a wrong unit, sign, clock or size."""
-
-_BOXES = "BD-EVD-001"
-"""The rule on separation, which takes boxes alone: where it fails, what takes boxes and velocities does too."""
-
-_POSSIBLE: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "BD-TAB-004": ("BD-LAY-001",),
-        "BD-MOT-001": _UNIT,
-        "BD-MOT-006": _UNIT[:1],
-        "BD-EVD-002": (*_MOTION, _BOXES),
-        "BD-EVD-003": (*_MOTION, _BOXES),
-        **dict.fromkeys(("BD-EVD-001", "BD-MOT-003", "BD-RPN-003", "BD-ACT-004", "BD-RSP-016"), _MOTION),
-    }
-)
-"""Rules that may be why a rule fails."""
 
 _BESIDE = ("BD-LAY-009",)
 """Rules on what lies beside a dataset, which explain nothing in it."""
@@ -117,12 +94,12 @@ class Consequence:
 
 @dataclass(frozen=True)
 class Cause:
-    """A rule that fails where no other explains it.
+    """A rule that fails where no other explains it; in rows of one table, as other tables have other faults.
 
     Attributes:
         rule_id: The rule.
         columns: Columns that its kept findings there name, sorted.
-        first: The first kept finding there; ``None`` where none is kept.
+        firsts: Kept findings there, the first of each table and column, or of each file.
         extents: Shards with groups where it is, in order, at most `MAX_SHARDS`; none where it is not about groups.
         num_shards: Shards with groups where it is.
         of_shards: Shards of the dataset.
@@ -131,11 +108,13 @@ class Cause:
         is_everywhere: Whether it is in every group of the dataset.
         consequences: What may follow from it, causes before their consequences.
         together: Other causes that are in all of its groups.
+        detail: Of the first of its groups, column, and what was expected and found, where no finding is kept; may be
+            empty.
     """
 
     rule_id: str
     columns: tuple[str, ...] = ()
-    first: Finding | None = None
+    firsts: tuple[Finding, ...] = ()
     extents: tuple[Extent, ...] = ()
     num_shards: int = 0
     of_shards: int = 0
@@ -144,11 +123,17 @@ class Cause:
     is_everywhere: bool = False
     consequences: tuple[Consequence, ...] = ()
     together: tuple[str, ...] = ()
+    detail: str = ""
 
     @property
     def info(self) -> RuleInfo:
         """The rule's catalogue entry."""
         return CATALOGUE[self.rule_id]
+
+    @property
+    def first(self) -> Finding | None:
+        """The first kept finding there; ``None`` where none is kept."""
+        return self.firsts[0] if self.firsts else None
 
     def to_json(self) -> dict[str, Any]:
         """As the report schema has it."""
@@ -207,7 +192,7 @@ NO_CAUSES = Causes()
 
 @dataclass
 class _Totals:
-    """What a pass over the groups adds up for one rule where nothing explains it."""
+    """What a pass over the groups adds up for one rule and table where nothing explains it."""
 
     extents: list[Extent] = field(default_factory=list)
     num_shards: int = 0
@@ -217,6 +202,11 @@ class _Totals:
     together: set[str] | None = None
     groups_of: Counter[str] = field(default_factory=Counter)
     attempts_of: Counter[str] = field(default_factory=Counter)
+    detail: str = ""
+
+
+_Key: TypeAlias = tuple[str, str]
+"""A rule, and the table that it first fails in in a group; empty where that is not known."""
 
 
 def find_causes(tallies: Mapping[str, Tally], shards: Sequence[ShardResult]) -> Causes:
@@ -234,7 +224,7 @@ def find_causes(tallies: Mapping[str, Tally], shards: Sequence[ShardResult]) -> 
         if not found.counted[rule_id]:
             found.add_rule_of_dataset(rule_id)
     num_groups = sum(len(shard.funnel.outcomes) for shard in shards)
-    first = [_cause(failed[rule_id], totals, len(shards), num_groups) for rule_id, totals in found.causes.items()]
+    first = [_cause(key, failed[key[0]], totals, len(shards), num_groups) for key, totals in found.causes.items()]
     return Causes(tuple(sorted(first, key=_cause_place)), found.following())
 
 
@@ -247,50 +237,54 @@ class _Search:
 
     def __init__(self, failed: Mapping[str, Tally]) -> None:
         self._failed = failed
-        self._relation = _Relation(failed)
-        self.causes: dict[str, _Totals] = {}
+        self._relation = DatasetCauses(failed)
+        self.causes: dict[_Key, _Totals] = {}
         self.counted: Counter[str] = Counter()
         self._explained: Counter[str] = Counter()
         self._following: dict[str, Counter[str]] = {}
 
     def add_shard(self, shard: ShardResult) -> None:
         """Add the groups of a shard."""
-        found: dict[str, list[tuple[str, int]]] = {}
-        for outcome in shard.funnel.outcomes:
-            numbers = {rule_id: number for rule_id, number in outcome.failed if rule_id in self._failed}
-            for rule_id in self._add_group(numbers):
-                found.setdefault(rule_id, []).append((printable(outcome.group_id[:128]), numbers[rule_id]))
-        for rule_id, groups in found.items():
-            _add_extent(self.causes[rule_id], shard, groups)
+        found: dict[_Key, list[tuple[str, int]]] = {}
+        for outcome in (outcome for outcome in shard.funnel.outcomes if outcome.failed):
+            for key, number in self._add_group(outcome).items():
+                found.setdefault(key, []).append((printable(outcome.group_id[:128]), number))
+        for key, groups in found.items():
+            _add_extent(self.causes[key], shard, groups)
 
-    def _add_group(self, numbers: Mapping[str, int]) -> set[str]:
-        """Add the rules that one group fails, with its attempts that do; the causes among them."""
-        causes_of = self._relation.causes_in(tuple(numbers))
-        here = {rule_id for rule_id, roots in causes_of.items() if not roots}
-        for rule_id, roots in causes_of.items():
-            self.counted[rule_id] += numbers[rule_id] or 1
-            self._explained[rule_id] += (numbers[rule_id] or 1) * bool(roots)
-            for root in roots:
-                self._follows(rule_id, root, numbers[rule_id] or 1)
-                self.causes[root].groups_of[rule_id] += 1
-                self.causes[root].attempts_of[rule_id] += numbers[rule_id]
+    def _add_group(self, outcome: GroupOutcome) -> dict[_Key, int]:
+        """Add the rules that one group fails; its causes, each with the attempts that nothing explains."""
+        group = GroupCauses(outcome, self._failed, self._relation)
+        here, tables = group.causes, dict(outcome.tables)
         for rule_id in here:
-            totals = self.causes.setdefault(rule_id, _Totals())
-            totals.together = here - {rule_id} if totals.together is None else totals.together & here
-        return here
+            totals = self.causes.setdefault((rule_id, tables.get(rule_id, "")), _Totals())
+            if outcome.rules and rule_id == min(outcome.rules, key=cause_order):
+                totals.detail = totals.detail or outcome.detail
+            others = {*here} - {rule_id}
+            totals.together = others if totals.together is None else totals.together & others
+        for rule_id, number in group.failed.items():
+            self.counted[rule_id] += number or 1
+            self._explained[rule_id] += (number or 1) - (here[rule_id] or 1 if rule_id in here else 0)
+        for rule_id, numbers in group.following.items():
+            for root, number in numbers.items():
+                totals = self._follows(rule_id, (root, tables.get(root, "")), number or 1)
+                totals.groups_of[rule_id] += 1
+                totals.attempts_of[rule_id] += number
+        return {(rule_id, tables.get(rule_id, "")): number for rule_id, number in here.items()}
 
     def add_rule_of_dataset(self, rule_id: str) -> None:
         """Add a rule that fails in no single group."""
-        roots = self._relation.causes_of_dataset(rule_id)
+        roots = self._relation.roots_of(rule_id)
         if not roots:
-            self.causes.setdefault(rule_id, _Totals())
+            self.causes.setdefault((rule_id, ""), _Totals())
         for root in roots:
-            self._follows(rule_id, root, 0)
-            self.causes[root].groups_of.setdefault(rule_id, 0)
+            for key in [key for key in self.causes if key[0] == root] or [(root, "")]:
+                self._follows(rule_id, key, 0).groups_of.setdefault(rule_id, 0)
 
-    def _follows(self, rule_id: str, root: str, number: int) -> None:
-        self._following.setdefault(rule_id, Counter())[root] += number
-        self.causes.setdefault(root, _Totals())
+    def _follows(self, rule_id: str, root: _Key, number: int) -> _Totals:
+        """Note that a rule may fail because of a cause, and tell what that adds up."""
+        self._following.setdefault(rule_id, Counter())[root[0]] += number
+        return self.causes.setdefault(root, _Totals())
 
     def following(self) -> dict[str, Following]:
         """Rules that may fail because of others."""
@@ -302,55 +296,6 @@ class _Search:
             )
             for rule_id, roots in self._following.items()
         }
-
-
-class _Relation:
-    """Which failed rules may be why others fail.
-
-    Args:
-        failed: Tallies of the rules that fail.
-    """
-
-    def __init__(self, failed: Mapping[str, Tally]) -> None:
-        self._dataset = {rule_id for rule_id, tally in failed.items() if tally.info.scope == "dataset"}
-        # What says that nearly all attempts fail a rule follows from it, and explains nothing itself.
-        self._named = {rule_id: _named(failed[rule_id], failed) for rule_id in self._dataset}
-        self._known: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {}
-        self._failed = tuple(failed)
-
-    def causes_in(self, rules: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
-        """Causes of each of the rules that fail in one group; none for those that are causes there."""
-        if rules not in self._known:
-            present = {*rules, *self._dataset}
-            self._known[rules] = {rule_id: self._roots(rule_id, present) for rule_id in rules}
-        return self._known[rules]
-
-    def causes_of_dataset(self, rule_id: str) -> tuple[str, ...]:
-        """Causes of a rule that is about no single group."""
-        return self._roots(rule_id, {*self._failed})
-
-    def _parents(self, rule_id: str, present: set[str]) -> list[str]:
-        possible = (*_POSSIBLE.get(rule_id, ()), *self._named.get(rule_id, ()))
-        return [other for other in possible if other in present and not self._named.get(other)]
-
-    def _roots(self, rule_id: str, present: set[str]) -> tuple[str, ...]:
-        roots, seen, waiting = set(), {rule_id}, self._parents(rule_id, present)
-        while waiting:
-            other = waiting.pop()
-            if other in seen:
-                continue
-            seen.add(other)
-            parents = self._parents(other, present)
-            waiting += parents
-            if not parents:
-                roots.add(other)
-        return tuple(sorted(roots, key=cause_order))
-
-
-def _named(tally: Tally, failed: Iterable[str]) -> tuple[str, ...]:
-    """Failed rules of which all findings of a rule of the dataset say that nearly all attempts fail them."""
-    named = {finding.expected[:10] for finding in tally.findings}
-    return tuple(sorted(named)) if named and named <= {*failed} else ()
 
 
 def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str, int]]) -> None:
@@ -365,12 +310,14 @@ def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str,
         totals.extents.append(Extent(shard.folder.rpartition("/")[2], first, groups[-1][0], *sizes))
 
 
-def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
-    findings = [f for f in tally.findings if not totals.names or f.group_id in totals.names]
+def _cause(key: _Key, tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
+    findings = [f for f in tally.findings if not f.follows and (not totals.names or f.group_id in totals.names)]
+    findings = [f for f in findings if key[1] in ("", f.location.get("table"))]
+    firsts = {_kind_of_place(f): f for f in reversed(findings)}
     return Cause(
         tally.rule_id,
         tuple(sorted({str(f.location["column"]) for f in findings if "column" in f.location})),
-        findings[0] if findings else None,
+        tuple(firsts[place] for place in dict.fromkeys(map(_kind_of_place, findings))),
         tuple(totals.extents),
         totals.num_shards,
         num_shards,
@@ -379,7 +326,14 @@ def _cause(tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> C
         bool(totals.num_groups) and totals.num_groups == num_groups,
         tuple(_consequences(totals)),
         tuple(sorted(totals.together or (), key=cause_order)),
+        "" if findings else totals.detail,
     )
+
+
+def _kind_of_place(finding: Finding) -> tuple[object, ...]:
+    """What findings on rows of one column have in common, and those on one file."""
+    parts = ("table", "column") if finding.group_id is not None else ("file", "pointer", "table", "column")
+    return tuple(finding.location.get(part) for part in parts)
 
 
 def _consequences(totals: _Totals) -> Iterator[Consequence]:

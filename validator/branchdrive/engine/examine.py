@@ -6,7 +6,8 @@ rule off for the others. Source: spec/07-rules.md#order.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,8 +16,10 @@ from branchdrive.contract.columns import TABLES
 from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
 from branchdrive.contract.rule import CATALOGUE, RULES, rules_of
 from branchdrive.engine import rules as _bind_rules  # noqa: F401  (importing binds the rules)
+from branchdrive.engine.finding import Finding
 from branchdrive.engine.group_failures import GroupFailures
 from branchdrive.engine.judge import judge
+from branchdrive.engine.relation import Roots
 from branchdrive.engine.tally import Tally
 from branchdrive.raw.canonical_choice import select_candidates
 from branchdrive.raw.examination import Examination
@@ -95,7 +98,7 @@ def examine(
         judged = partial(RULES[rule_id], view, subjects)
         bad = judge(claimed[rule_id], judged, partial(_of_rollouts, view), place=place, each=each)
         failed = _any((_marked(check.bad, view.num_rollouts) for check in bad), view.num_rollouts)
-        failures.note_attempts(rule_id, failed)
+        failures.note_attempts(rule_id, failed, [stretch for check in bad for stretch in check.stretches])
         if bad and _excludes(rule_id):
             result.failed[rule_id] = failed
 
@@ -113,8 +116,18 @@ def examine(
         failures.note_groups(rule_id, failed)
         if not tally.errors and CATALOGUE[rule_id].stage:
             result.failed_groups[rule_id] = failed
-    result.outcomes = failures.added_to(group_outcomes(view, selection, result.failed, result.failed_groups))
+    roots = failures.roots()
+    result.outcomes = failures.added_to(group_outcomes(view, selection, result.failed, result.failed_groups), roots)
+    for tally in tallies.values():
+        tally.findings = [_linked(finding, view, roots) for finding in tally.findings]
     return tallies, result
+
+
+def _linked(finding: Finding, view: ShardView, roots: Sequence[Roots]) -> Finding:
+    """A finding with the rules that may be why, as far as it is about an attempt."""
+    attempt = view.find_rollout(str(finding.location.get("rollout_id")))
+    follows = () if attempt is None else roots[attempt].get(finding.rule, ())
+    return replace(finding, follows=follows) if follows else finding
 
 
 def _excludes(rule_id: str) -> bool:
@@ -150,16 +163,18 @@ def _rollouts(view: ShardView, check: Check) -> Mask:
 
 def _of_rows(view: ShardView, check: Check) -> Iterator[Mismatch]:
     """One mismatch for each rollout, at its first bad row."""
-    owner = _owner(view, check)
+    owner, table = _owner(view, check), view[str(check.table)]
     # Rows without a known rollout stand for themselves.
     key = np.where(owner >= 0, owner, -1 - check.bad)
     _, first, count = np.unique(key, return_index=True, return_counts=True)
-    for place, rows in sorted(zip(first.tolist(), count.tolist(), strict=True)):
+    _, back = np.unique(key[::-1], return_index=True)
+    for place, rows, last in sorted(zip(first.tolist(), count.tolist(), (len(key) - 1 - back).tolist(), strict=True)):
         row, attempt = int(check.bad[place]), int(owner[place])
         found = check.mismatch(row)
         where = _row_location(view, str(check.table), row, found.location)
         group_id = str(view.rollouts["group_id"][attempt]) if attempt >= 0 else None
-        yield Mismatch(where, found.expected, found.found, rows, group_id)
+        last_tick = int(table["tick"][check.bad[last]]) if isinstance(table, StreamView) else None
+        yield Mismatch(where, found.expected, found.found, rows, group_id, last_tick, _branch_tick(view, attempt))
 
 
 def _row_location(view: ShardView, name: str, row: int, found: Location) -> Location:
@@ -181,13 +196,16 @@ def _row_location(view: ShardView, name: str, row: int, found: Location) -> Loca
 def _of_rollouts(view: ShardView, check: Check) -> Iterator[Mismatch]:
     for i in check.bad.tolist():
         identity: Location = {"group_id": str(view.rollouts["group_id"][i]), "rollout_id": view.rollout_ids[i]}
-        yield _identified(check.mismatch(i), identity)
+        found = check.mismatch(i)
+        ticks = (stretch.last_tick(i, found.location) for stretch in check.stretches)
+        last_tick = next((tick for tick in ticks if tick is not None), None)
+        yield replace(found.within(identity), last_tick=last_tick, branch_tick=_branch_tick(view, i))
+
+
+def _branch_tick(view: ShardView, attempt: int) -> int | None:
+    return int(view.branch_tick[attempt]) if attempt >= 0 and view.branched[attempt] else None
 
 
 def _of_groups(view: ShardView, check: Check) -> Iterator[Mismatch]:
     for group in check.bad.tolist():
-        yield _identified(check.mismatch(group), {"group_id": view.group_ids[group]})
-
-
-def _identified(found: Mismatch, identity: Location) -> Mismatch:
-    return Mismatch({**identity, **found.location}, found.expected, found.found, found.count)
+        yield check.mismatch(group).within({"group_id": view.group_ids[group]})

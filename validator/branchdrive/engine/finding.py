@@ -11,6 +11,7 @@ from typing import Any
 from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, Kind
 from branchdrive.contract.text import printable
+from branchdrive.engine.relation import repair_first
 
 __all__ = ["Finding", "location_text"]
 
@@ -22,7 +23,20 @@ def location_text(location: Location) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One violation of a rule, as reports carry it; `of_group` is its group where the location has it not."""
+    """One violation of a rule, as reports carry it.
+
+    Attributes:
+        rule: The rule.
+        location: Where it is.
+        count: Items that it stands for.
+        expected: What was expected there.
+        found: What was found.
+        waived: Whether a waiver covers it.
+        of_group: Its group where the location has it not.
+        last_tick: The last tick of its items, of which the location has the first; ``None`` where it is not known.
+        branch_tick: That of its attempt; ``None`` where there is none.
+        follows: Rules that fail there too and may be why, first causes first; none where nothing explains it.
+    """
 
     rule: str
     location: Location
@@ -31,6 +45,9 @@ class Finding:
     found: str
     waived: bool = False
     of_group: str | None = None
+    last_tick: int | None = None
+    branch_tick: int | None = None
+    follows: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, rule_id: str, mismatch: Mismatch) -> Finding:
@@ -40,7 +57,16 @@ class Finding:
             for key, value in mismatch.location.items()
         }
         expected, found = (printable(text[:300])[:300] for text in (mismatch.expected, mismatch.found))
-        return cls(rule_id, location, mismatch.count, expected, found, of_group=mismatch.group_id)
+        return cls(
+            rule_id,
+            location,
+            mismatch.count,
+            expected,
+            found,
+            of_group=mismatch.group_id,
+            last_tick=mismatch.last_tick,
+            branch_tick=mismatch.branch_tick,
+        )
 
     @property
     def group_id(self) -> str | None:
@@ -62,8 +88,13 @@ class Finding:
     def message(self) -> str:
         """The finding as one sentence."""
         more = f" ({self.count} places)" if self.count > 1 else ""
-        title = CATALOGUE[self.rule].title
+        title = CATALOGUE[self.rule].broken
         return f"{title}: {location_text(self.location)}{more}: expected {self.expected}, found {self.found}"
+
+    @property
+    def remedy(self) -> str:
+        """What to do: the rule's remedy, or where others may be why, to repair these first."""
+        return repair_first(self.rule, self.follows) if self.follows else CATALOGUE[self.rule].remedy
 
     def to_json(self) -> dict[str, Any]:
         """The finding as the report schema has it."""
@@ -75,6 +106,9 @@ class Finding:
             "expected": self.expected,
             "found": self.found,
             "message": self.message,
-            "remedy": CATALOGUE[self.rule].remedy,
+            "remedy": self.remedy,
             "waived": self.waived,
+            "last_tick": self.last_tick,
+            "branch_tick": self.branch_tick,
+            "follows": list(self.follows),
         }

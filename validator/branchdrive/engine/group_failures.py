@@ -7,17 +7,20 @@ Source: spec/07-rules.md#report.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from branchdrive.contract.mismatch import Check, Mask, Mismatch
+from branchdrive.contract.mismatch import Check, Mask, Mismatch, Stretch
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.group_result import FirstFindings, detail_of, hint_of
+from branchdrive.engine.relation import Failed, Roots, roots_of_attempts
 from branchdrive.raw.funnel import GroupOutcome
 from branchdrive.raw.shard_view import ShardView
 
@@ -35,8 +38,9 @@ class GroupFailures:
     """
 
     def __init__(self, view: ShardView) -> None:
+        self._view = view
         self._group, self._ids = view.group, [printable(name[:128]) for name in map(str, view.group_ids)]
-        self._attempts: dict[str, NDArray[np.int64]] = {}
+        self._attempts: dict[str, Failed] = {}
         self._groups: dict[str, Mask] = {}
         self._first: dict[tuple[str | None, str], Finding] = {}
 
@@ -45,10 +49,10 @@ class GroupFailures:
         """The first finding of each group, safe to print, and rule, as far as it is kept."""
         return MappingProxyType(self._first)
 
-    def note_attempts(self, rule_id: str, failed: Mask) -> None:
-        """Attempts fail a rule ``[rollouts]``."""
+    def note_attempts(self, rule_id: str, failed: Mask, stretches: Sequence[Stretch] = ()) -> None:
+        """Attempts fail a rule ``[rollouts]``, in rows of some ticks, as far as these are known."""
         if failed.any():
-            self._attempts[rule_id] = np.bincount(self._group[failed], minlength=len(self._ids))
+            self._attempts[rule_id] = Failed(failed, stretches)
 
     def note_groups(self, rule_id: str, failed: Mask) -> None:
         """Groups fail a rule ``[groups]``."""
@@ -83,18 +87,39 @@ class GroupFailures:
         for group, mismatch in zip(kept.bad.tolist(), mismatches(kept), strict=False):
             self._first.setdefault((self._ids[group], rule_id), Finding.of(rule_id, mismatch))
 
-    def added_to(self, outcomes: Iterable[GroupOutcome]) -> list[GroupOutcome]:
-        """The outcomes of the groups of the shard, in order, with all that each fails and what was found there."""
-        same: dict[tuple[tuple[str, int], ...], tuple[tuple[str, int], ...]] = {}  # most groups fail the same
-        texts: dict[str, str] = {}
+    def added_to(self, outcomes: Iterable[GroupOutcome], roots: Sequence[Roots]) -> list[GroupOutcome]:
+        """The outcomes of the groups of the shard, in order, with all that each fails and what was found there.
+
+        Args:
+            outcomes: The outcomes.
+            roots: Of each attempt, which of the rules that it fails others may explain, see `roots`.
+        """
+        num = len(self._ids)
+        counts_of = {
+            rule: np.bincount(self._group[failed.attempts], minlength=num) for rule, failed in self._attempts.items()
+        }
+        explained: list[Counter[tuple[str, tuple[str, ...]]]] = [Counter() for _ in self._ids]
+        for group, found in zip(self._group.tolist(), roots, strict=True):
+            explained[group].update(found.items())
+        same: dict[object, Any] = {}  # most groups fail the same
         result = []
         for group, outcome in enumerate(outcomes):
-            failed = [(rule, int(counts[group])) for rule, counts in self._attempts.items() if counts[group]]
+            failed = [(rule, int(counts[group])) for rule, counts in counts_of.items() if counts[group]]
             failed += [(rule, 0) for rule, mask in self._groups.items() if mask[group]]
-            every = same.setdefault(tuple(failed), tuple(failed))
+            follows = tuple((rule, causes, number) for (rule, causes), number in sorted(explained[group].items()))
+            firsts = ((rule, self._first.get((self._ids[group], rule))) for rule, _ in failed)
+            tables = tuple(
+                (rule, str(one.location["table"])) for rule, one in firsts if one and "table" in one.location
+            )
             detail = hint = ""
             if outcome.rules and outcome.is_branched:
                 detail, hint = detail_of(outcome, self._first), hint_of(self._ids[group], self._first)
-            detail, hint = (texts.setdefault(text, text) for text in (detail, hint))
-            result.append(replace(outcome, failed=every, detail=detail, hint=hint))
+            parts = {
+                "failed": tuple(failed), "follows": follows, "tables": tables, "detail": detail, "hint": hint,
+            }  # fmt: skip
+            result.append(replace(outcome, **{name: same.setdefault(part, part) for name, part in parts.items()}))
         return result
+
+    def roots(self) -> list[Roots]:
+        """Of each attempt, which of the rules that it fails others may explain."""
+        return roots_of_attempts(self._view, self._attempts, self._groups)

@@ -11,7 +11,7 @@ from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.contract.text import printable
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS
 from branchdrive.engine.finding import Finding
-from branchdrive.raw.funnel import STAGES, GroupOutcome
+from branchdrive.raw.funnel import LACKS, STAGES, GroupOutcome
 
 __all__ = ["FirstFindings", "GroupResult", "detail_of", "hint_of"]
 
@@ -72,6 +72,11 @@ class GroupResult:
         costly = (rule for rule, _ in outcome.failed if CATALOGUE[rule].kind in ("structure", "qualification"))
         further = tuple(sorted({*costly} - {*rules}, key=cause_order))
         return cls(group_id, STAGES[outcome.lost_at], rules, "; ".join(filter(None, parts)), further, detail)
+
+    @property
+    def lacks(self) -> str:
+        """What it is that it is lost for, in few words; empty where it qualifies."""
+        return next((LACKS[name] for name, title in STAGES.items() if title == self.stage and name in LACKS), "")
 
     @property
     def qualifies(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from branchdrive.contract.rule import cause_order
-from branchdrive.contract.text import counted
+from branchdrive.contract.text import NONE, counted
 from branchdrive.contract.timing import ACTIVE_TICKS, OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive.engine.response_summary import Effect, ResponseSummary
 from branchdrive.text.table import Column, Table
@@ -13,14 +13,19 @@ from branchdrive.text.table import Column, Table
 if TYPE_CHECKING:
     from branchdrive.engine.report import Report
 
-__all__ = ["response_doubt", "response_table"]
+__all__ = ["IN_DOUBT", "response_doubt", "response_table"]
+
+IN_DOUBT = "In doubt: "
+"""What a doubt begins with, where nothing before it says that it is a warning."""
 
 _DOUBTS = ("BD-MOT-001", "BD-MOT-002", "BD-MOT-006", "BD-RSP-006", "BD-RSP-007")
 """Rules whose failure says that positions, speeds or headings, which effects are computed from, may be wrong."""
 
-_NOTE = (
-    "Means over groups with normal 95 % intervals. Left and faster are positive. The first response is a median over"
-    " attempts that equal their nominal up to the branch; replays with noise never do."
+_NOTES = (
+    "Means with normal 95 % intervals over all groups in which the action and the nominal are whole up to then, also"
+    " those that do not qualify. Left and faster are positive.",
+    "Unchanged are groups in which the action changed no pose and no speed. The first response is a median over"
+    " attempts that equal their nominal up to the branch; replays with noise never do.",
 )
 
 
@@ -36,13 +41,13 @@ def response_table(response: ResponseSummary) -> Table:
             f"{action.num_groups:,}",
             _effect_text(action.lateral_m),
             _effect_text(action.speed_mps),
-            f"{action.num_unchanged:,}" if action.num_unchanged else "",
-            "" if action.first_response is None else _seconds(action.first_response),
+            f"{action.num_unchanged:,}",
+            NONE if action.first_response is None else _seconds(action.first_response),
         ]
         for action in response.actions
     ]
     title = f"Action response: against nominal, {ACTIVE_TICKS * TICK_S:g} s after the branch"
-    return Table(title, columns, rows, notes=[_NOTE])
+    return Table(title, columns, rows, notes=[*_NOTES])
 
 
 def response_doubt(report: Report) -> str:
@@ -59,7 +64,7 @@ def response_doubt(report: Report) -> str:
         return ""
     verb = "fails" if len(failed) == 1 else "fail"
     return (
-        f"In doubt: {', '.join(sorted(failed, key=cause_order))} {verb} in {num_groups:,} of "
+        f"{IN_DOUBT}{', '.join(sorted(failed, key=cause_order))} {verb} in {num_groups:,} of "
         f"{counted(len(doubtful), 'group')}, so their positions, speeds or headings may be in other units or of other "
         "ticks, and these means mix them with what is right."
     )

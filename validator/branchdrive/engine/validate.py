@@ -22,6 +22,7 @@ from branchdrive.engine.cache import Cache, CacheUse, caching, is_url, open_kept
 from branchdrive.engine.cause import find_causes
 from branchdrive.engine.derived import judge_derived
 from branchdrive.engine.examine import VIEW_RULES
+from branchdrive.engine.group_causes import link_to_dataset
 from branchdrive.engine.judge import judge
 from branchdrive.engine.reading import Progress, read_dataset
 from branchdrive.engine.report import DatasetFacts, Report, RunOptions
@@ -140,6 +141,7 @@ def validate(
     read = reading.source if source is survey else survey
     whole = read.with_layers(reading.source.shards, derived.digests, derived.unreadable)
     tallies = _merge(whole, source.descriptor, results, selected, derived.tallies)
+    link_to_dataset(tallies)
     outcomes = apply_waivers(tallies, waivers, today)
     funnel = Funnel()
     for result in results:

@@ -18,7 +18,7 @@ from branchdrive.contract.rule import CATALOGUE
 from branchdrive.raw.canonical_choice import Selection
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["STAGES", "Funnel", "GroupOutcome", "funnel_of", "group_outcomes"]
+__all__ = ["LACKS", "STAGES", "Funnel", "GroupOutcome", "funnel_of", "group_outcomes"]
 
 STAGES = {
     "discovered": "Groups discovered",
@@ -28,6 +28,14 @@ STAGES = {
     "eligibility": "Structurally eligible",
 }
 """Stages in order, with their titles."""
+
+LACKS = {
+    "bank": "no exact bank",
+    "controls": "controls not valid",
+    "integrity": "not integrity-complete",
+    "eligibility": "not structurally eligible",
+}
+"""What a group is that is lost at a stage."""
 
 
 @dataclass
@@ -93,6 +101,9 @@ class GroupOutcome:
         rules: Rules that it fails there.
         failed: Every rule that it or attempts of it fail, with how many attempts that are, 0 where the rule is on
             groups; attempts that stand for no candidate count too.
+        follows: Rules that other rules may be why attempts of it fail, each with those that nothing explains in turn,
+            and how many attempts that are.
+        tables: Tables that the first finding of rules in it is in, of those of which it is kept.
         detail: What was expected and found where it first fails the first of `rules`, in words; empty if unknown.
         hint: What findings of several rules together say of it, in words; empty where they say nothing.
     """
@@ -102,6 +113,8 @@ class GroupOutcome:
     lost_at: str | None = None
     rules: tuple[str, ...] = ()
     failed: tuple[tuple[str, int], ...] = ()
+    follows: tuple[tuple[str, tuple[str, ...], int], ...] = ()
+    tables: tuple[tuple[str, str], ...] = ()
     detail: str = ""
     hint: str = ""
 

@@ -64,6 +64,10 @@ class ShardView:
     def _rollout_index(self) -> dict[str, int]:
         return {rollout_id: i for i, rollout_id in reversed(list(enumerate(self.rollout_ids))) if rollout_id}
 
+    def find_rollout(self, rollout_id: str) -> int | None:
+        """The first attempt of an identity; ``None`` where there is none."""
+        return self._rollout_index.get(rollout_id)
+
     def __contains__(self, table: str) -> bool:
         return table in self._num_rows
 

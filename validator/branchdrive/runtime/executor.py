@@ -28,7 +28,8 @@ from branchdrive.runtime.environment import import_fault, leave_out_pandas
 from branchdrive.runtime.process import ArrayContexts, array_context, exit_after
 
 __all__ = [
-    "BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "memory_limit", "results_of",
+    "BoundedProcess", "Died", "Executor", "Failed", "in_process", "isolated", "jobs_of", "load_soon", "memory_limit",
+    "results_of",
 ]  # fmt: skip
 
 _LOADED = (__name__, "pyarrow.compute", "pyarrow.parquet")
@@ -294,19 +295,19 @@ class _Isolated:
             yield from _in_pools(function, tasks, self.jobs, self.contexts.get(*_loaded(function.__module__)))
 
 
-def isolated(jobs: int, *, soon: str | None = None) -> Executor:
+def isolated(jobs: int) -> Executor:
     """Executor over `jobs` processes with the spec's memory limit.
 
     When a process dies, the tasks that were under way run again, each in a process of its own:
     the one that kills again is reported as `Died`, the others are not affected.
-
-    Args:
-        jobs: Processes, at most.
-        soon: Module of a function that is going to be called, whose import begins while the caller goes on.
     """
-    executor = _Isolated(jobs)
-    if soon is not None:
-        executor.contexts.start(*_loaded(soon))
+    return _Isolated(jobs)
+
+
+def load_soon(executor: Executor, module: str) -> Executor:
+    """The executor; if it is `isolated`, what it needs for functions of a module begins to be loaded."""
+    if isinstance(executor, _Isolated):
+        executor.contexts.start(*_loaded(module))
     return executor
 
 

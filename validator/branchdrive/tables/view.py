@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from branchdrive.contract.columns import declared_table
+from branchdrive.contract.mismatch import Stretch
 from branchdrive.tables.arrow import filled, present
 from branchdrive.tables.join import find_sorted
 
@@ -197,11 +198,12 @@ class TableView:
 
 @dataclass(frozen=True)
 class RowSummary:
-    """Marked rows of a stream by rollout: which rollouts have any, the first one's row and how many."""
+    """Marked rows of a stream by rollout: which rollouts have any, the first one's row, how many, and their ticks."""
 
     any: Mask
     first_row: Index
     count: Index
+    stretch: Stretch
 
 
 class StreamView(TableView):
@@ -362,7 +364,12 @@ class StreamView(TableView):
         rows = np.flatnonzero(marked)
         if not len(rows):
             none = np.zeros(self.num_rollouts, np.int64)
-            return RowSummary(none > 0, none - 1, none)
-        first = np.searchsorted(rows, self.start)
-        count = np.searchsorted(rows, self.stop) - first
-        return RowSummary(count > 0, np.where(count > 0, rows.take(first, mode="clip"), -1), count)
+            return RowSummary(none > 0, none - 1, none, Stretch(self.name, none - 1, none - 1, none > 0))
+        first, stop = np.searchsorted(rows, self.start), np.searchsorted(rows, self.stop)
+        count, first_row = stop - first, rows.take(first, mode="clip")
+        is_there, last_row = count > 0, rows.take(stop - 1, mode="clip")
+        first_tick, last_tick = (
+            np.where(is_there, self.tick[row], Stretch.UNKNOWN).astype(np.int64) for row in (first_row, last_row)
+        )
+        stretch = Stretch(self.name, first_tick, last_tick, is_there)
+        return RowSummary(is_there, np.where(is_there, first_row, -1), count, stretch)

@@ -86,7 +86,8 @@ def test_markdown_tells_the_verdict_first_and_names_pages(report: Report) -> Non
     assert (sign == "✅") == (report.verdict == "valid" and not report.exit_code)
     for tally in report.tallies:
         if tally.status in ("fail", "error"):
-            assert f"### {tally.rule_id} {tally.info.title}" in text
+            title = tally.info.broken if tally.status == "fail" else tally.info.title
+            assert f"### {tally.rule_id} {title}" in text
 
 
 def test_json_names_the_page_of_every_rule(report: Report) -> None:

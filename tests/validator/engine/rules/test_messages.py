@@ -126,8 +126,8 @@ def test_words_of_a_finding(rule: str, name: str, expected: str, found: str) -> 
 def test_a_finding_is_one_sentence_with_its_place() -> None:
     (finding,) = report_on(BY_NAME["BD-CTL-008", "applied_beyond_the_tolerance"]).findings
     start = (
-        "Applied control equals intended control while active: group_id=g0 rollout_id=g0.steer_left_0.10.a1 "
-        "table=controls tick=110: expected steer -0.1"
+        "Does not hold: Applied control equals intended control while active: group_id=g0 "
+        "rollout_id=g0.steer_left_0.10.a1 table=controls tick=110: expected steer -0.1"
     )
     assert finding.message.startswith(start)
     assert "found steer -0.084" in finding.message

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import PurePosixPath
 
+from branchdrive.cli.formats.causes import remedy_text
 from branchdrive.cli.formats.outcome import Level, failures, headline, refusals, summary, unjudged, verdict_level
 from branchdrive.contract.text import printable
 from branchdrive.engine.finding import location_text
@@ -33,13 +34,14 @@ def _of_rule(level: Level, tally: Tally, report: Report) -> str:
     """The annotation of a rule: how often it fails, its first finding, what to do, and its page."""
     info = tally.info
     parts = [f"{summary(tally)}."]
-    properties = {"title": f"{info.id} {info.title}"}
+    title = info.broken if tally.status == "fail" else info.title
+    properties = {"title": f"{info.id} {title}"}
     if tally.findings:
         first = tally.findings[0]
         parts.append(f"First at {location_text(first.location)}: expected {first.expected}, found {first.found}.")
         if "file" in first.location:
             properties["file"] = str(PurePosixPath(report.dataset.path, str(first.location["file"])))
-    parts += [info.remedy, info.explained]
+    parts += [remedy_text(tally, report), info.explained]
     return _command(_COMMANDS[level], " ".join(parts), **properties)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
+from branchdrive.cli.formats.causes import remedy_text
 from branchdrive.cli.formats.outcome import headline, level_of, refusals, summary
 from branchdrive.contract.rule import AREAS
 from branchdrive.contract.text import printable
@@ -68,7 +69,7 @@ def _rule_case(tally: Tally, report: Report) -> _Case:
     if tally.status == "fail":
         details = (
             *(finding.message for finding in tally.findings),
-            f"remedy: {tally.info.remedy}",
+            f"remedy: {remedy_text(tally, report)}",
             tally.info.explained,
         )
         return _Case(name, "failure" if level == "error" else "skipped", summary(tally), details)

@@ -64,7 +64,7 @@ def _cause_lines(outcome: Outcome) -> Iterator[str]:
         yield from ("", f"## {CAUSES_HEAD}", "")
     for cause in outcome.causes:
         name = f"[{cause.info.id}]({cause.info.url})" if cause.info.url else cause.info.id
-        found = f" {code_span(cause.found)}." if cause.found else ""
+        found = "".join(f" {code_span(text)}." for text, _ in cause.found)
         follows = f" {cause.follows[0].upper()}{cause.follows[1:]}." if cause.follows else ""
         yield f"- **{name}** {code_span(cause.title)}: {code_span(cause.where)}.{found}{follows} To do: {cause.remedy}"
 
@@ -84,7 +84,7 @@ def _failure_lines(failure: Failure) -> Iterator[str]:
     info = failure.info
     result = code_span(failure.summary) if failure.is_error else failure.summary
     name = f"[{info.id}]({info.url})" if info.url else info.id
-    yield from ("", f"### {name} {info.title}", "", f"{info.kind}: {result}", "")
+    yield from ("", f"### {name} {info.title if failure.is_error else info.broken}", "", f"{info.kind}: {result}", "")
     for place in failure.places:
         yield f"- {code_span(place.where)}{place.more}  "
         yield f"  expected {code_span(place.expected)}, found {code_span(place.found)}"

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple, Self
 
-from branchdrive.cli.formats.causes import CauseText, cause_texts, causes_text
+from branchdrive.cli.formats.causes import CauseText, cause_texts, causes_text, remedy_text, violations
+from branchdrive.cli.formats.where import further_text
 from branchdrive.cli.funnel import NO_GROUPS
 from branchdrive.contract.rule import RuleInfo, cause_order
 from branchdrive.contract.text import counted
@@ -24,17 +25,14 @@ from branchdrive.engine.waiver import Waiver, WaiverOutcome
 from branchdrive.text.brief import brief
 
 __all__ = [
-    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "cautions", "failures", "folded",
-    "headline", "level_of", "refusals", "sizes", "summary", "unjudged", "verdict_level", "violations", "waiver_text",
-    "with_companions",
+    "MEANING", "RULE_EXPLAINED", "Failure", "Level", "Outcome", "Place", "also_in", "cautions", "failures",
+    "files_text", "folded", "headline", "level_of", "more_text", "refusals", "sizes", "summary", "unjudged",
+    "verdict_level", "waiver_text", "with_companions",
 ]  # fmt: skip
 
 Level = Literal["error", "warning", "note"]
 
 _RULES_SHOWN = 12
-
-_ON_FOLDERS_TOO = ("BD-LAY-006", "BD-LAY-007", "BD-LAY-009")
-"""Rules on files that examine folders as well, so that they count more than the files of the dataset."""
 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w|\.\d)")
 """A number that is no part of a name."""
@@ -167,14 +165,19 @@ def _failure(tally: Tally, report: Report, num_places: int) -> Failure:
         tuple(map(_place, parts)),
         left if tally.findings else 0,
         causes_text(tally, report) if has_failed else "",
-        tally.info.remedy if has_failed and not is_waived(tally) else "",
+        remedy_text(tally, report) if has_failed and not is_waived(tally) else "",
     )
 
 
 def _place(part: tuple[Finding, ...]) -> Place:
     finding = part[0]
-    more = (f" ({finding.count:,} places)" if finding.count > 1 else "") + also_in(part)
-    return Place(part, location_text(finding.location), more, *brief(finding.expected, finding.found))
+    return Place(part, location_text(finding.location), more_text(part), *brief(finding.expected, finding.found))
+
+
+def more_text(part: Sequence[Finding]) -> str:
+    """What findings stand for beside the location of the first, to stand behind it."""
+    extent = further_text(part[0])
+    return (f" ({extent})" if extent else "") + also_in(part)
 
 
 def headline(report: Report) -> str:
@@ -195,6 +198,13 @@ def sizes(report: Report) -> str:
     if not facts.num_shards and report.num_groups is not None:
         return f"{counted(report.num_groups, 'branch group')} as the release claims; no raw layer to count rollouts in"
     return f"{counted(facts.num_groups, 'branch group')}, {counted(facts.num_rollouts, 'rollout')}"
+
+
+def files_text(report: Report) -> str:
+    """How many files there are, and whether the manifest is one more than those that it lists."""
+    found = counted(report.dataset.num_files, "file")
+    listed = next((tally.examined for tally in report.tallies if tally.rule_id == "BD-LAY-002"), 0)
+    return f"{found} with the manifest" if listed and report.dataset.num_files == listed + 1 else found
 
 
 def verdict_level(report: Report) -> Level:
@@ -350,12 +360,3 @@ def with_companions(report: Report) -> str:
     """How many names beside the dataset were not looked at, to be put behind what it holds; empty if none."""
     number = report.dataset.num_beside
     return f", {counted(number, 'companion')} not looked at" if number else ""
-
-
-def violations(tally: Tally) -> str:
-    """How many subjects of a rule violate it, of how many; a dataset is one, whatever was compared to judge it."""
-    found = counted(tally.num_findings, "violation")
-    if tally.info.grain == "dataset":
-        return found
-    folders = " and folders" if tally.rule_id in _ON_FOLDERS_TOO else ""
-    return f"{found} in {counted(tally.examined, tally.info.grain)}{folders}"

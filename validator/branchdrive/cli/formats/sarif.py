@@ -110,7 +110,7 @@ def _failure(tally: Tally, finding: Finding, level: Level, report: Report) -> di
         **_identity(tally, finding.location),
         "kind": "fail",
         "level": level,
-        "message": {"text": printable(f"{finding.message}. {tally.info.remedy}")},
+        "message": {"text": printable(f"{finding.message}. {finding.remedy}")},
         "locations": [_location(report, finding.location)],
         "properties": {"count": finding.count, "location": finding.location},
     }

@@ -141,7 +141,7 @@ def _example_parts(info: RuleInfo, example: Mapping[str, Any] | None) -> Iterato
         return
     place = " ".join(f"{key}={_short(str(value))}" for key, value in example["location"].items()) or "dataset"
     lines = [
-        f"{info.id}  {info.title}",
+        f"{info.id}  {info.broken}",
         f"    {place}",
         f"      expected {_short(example['expected'])}",
         f"      found    {_short(example['found'])}",

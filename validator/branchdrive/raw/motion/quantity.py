@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
 
-__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "wrong_of_one"]
+__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "share_text", "wrong_of_one"]
 
 
 class Quantity(NamedTuple):
@@ -56,9 +56,12 @@ def _bounded(text: str, least: float, most: float) -> str:
 
 QUANTITIES = {
     "speed": Quantity(
-        "observations", "speed_mps", 0.99, 1.01, "way by speed and clock over way of the positions", (0.98, 1.02)
+        "observations", "speed_mps", 0.99, 1.01, "speed as a share of what positions and clock say", (0.98, 1.02)
     ),
-    "step": Quantity("observations", "x_m", 0.0, 0.05, "share of the way by which single steps are off", (0.0, 0.1)),
+    "step": Quantity(
+        "observations", "x_m", 0.0, 0.05, "share of the way by which single steps of positions and speeds differ",
+        (0.0, 0.1),
+    ),
     "yaw_rate": Quantity("observations", "yaw_rate_radps", 0.6, 1.6, "slope of the yaw rate on the turn", (0.25, 4.0)),
     "longitudinal": Quantity(
         "observations", "accel_longitudinal_mps2", 0.5, 2.0, "slope of the acceleration on the change of speed",
@@ -87,10 +90,10 @@ QUANTITIES = {
         (0.0, 3.0),
     ),
     "actor_speed": Quantity(
-        "actors", "vel_x_mps", 0.95, 1.05, "way of vehicles by velocity and clock over way of the positions", (0.9, 1.1)
+        "actors", "vel_x_mps", 0.95, 1.05, "velocity of vehicles as a share of what positions and clock say", (0.9, 1.1)
     ),
     "pedestrian_speed": Quantity(
-        "actors", "vel_x_mps", 0.95, 1.05, "way of pedestrians by velocity and clock over way of the positions",
+        "actors", "vel_x_mps", 0.95, 1.05, "velocity of pedestrians as a share of what positions and clock say",
         (0.7, 1.4),
     ),
     "pedestrian_sense": Quantity(
@@ -135,6 +138,20 @@ OF_VEHICLE = {
 
 LEAST_OF_STRETCH = -0.25
 """Least slope that is right of the observations up to the branch, or from it on: a smaller one has the wrong sign."""
+
+
+_SHARES = {
+    "speed": "speeds", "actor_speed": "velocities of vehicles", "pedestrian_speed": "velocities of pedestrians",
+}  # fmt: skip
+"""Quantities that are shares of what positions say."""
+
+
+def share_text(name: str, value: float) -> str:
+    """How far a quantity is above or below what positions say, in words; empty of those that are no share of it."""
+    if name not in _SHARES or not np.isfinite(value) or abs(value - 1) < 0.005:
+        return ""
+    than = "higher" if value > 1 else "lower"
+    return f"{_SHARES[name]} are {abs(value - 1):.0%} {than} than the positions say".replace("%", " %")
 
 
 def wrong_of_one(name: str, values: NDArray[np.float64]) -> Mask:

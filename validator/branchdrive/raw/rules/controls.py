@@ -44,7 +44,7 @@ def _at_rows(
         place: Location = {"table": "controls", "tick": int(view.controls.tick[row])}
         return Mismatch(place, expected(row), found(row), int(summary.count[i]))
 
-    return Check.of_subjects(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)
 
 
 def _marked(view: ShardView, rows: Rows) -> Mask:

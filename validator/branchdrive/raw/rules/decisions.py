@@ -146,4 +146,4 @@ def drives_are_commanded_as_decided(view: ShardView, subjects: Mask) -> Iterator
         place: Location = {"table": "controls", "column": column, "tick": at}
         return Mismatch(place, expected, quote(controls[column][row]), int(summary.count[i]))
 
-    yield Check.of_subjects(subjects, subjects & summary.any, describe)
+    yield Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)

@@ -107,7 +107,7 @@ def _recomputes(view: ShardView, subjects: Mask, name: str) -> Check:
         )
 
     subjects = subjects & evidence.by_rollout(frame >= 0).any
-    return Check.of_subjects(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)
 
 
 def _delay(view: ShardView, rows: NDArray[np.intp]) -> str:
@@ -185,4 +185,4 @@ def _rel_speed_recomputes(view: ShardView, subjects: Mask) -> Check:
         }  # fmt: skip
         return Mismatch(place, quote(candidates[0]), quote(speeds[row]), int(summary.count[i]))
 
-    return Check.of_subjects(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)

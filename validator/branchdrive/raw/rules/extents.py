@@ -65,7 +65,7 @@ def _of_actors(view: ShardView, subjects: Mask, k: int, least_m: float) -> Check
         }  # fmt: skip
         return _described(place, str(stream["actor_class"][at]), k, float(stream[name][at]), int(summary.count[i]))
 
-    return Check.of_subjects(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)
 
 
 @rule("BD-BOX-003")

@@ -53,4 +53,4 @@ def _images_of_nominals(view: ShardView, judged: Mask, last_tick: NDArray[np.int
         found = f"another image of {name}"
         return Mismatch(location, f"the image of {name} of the nominal", found, int(summary.count[i]))
 
-    return Check.of_subjects(judged, judged & summary.any, describe)
+    return Check.of_subjects(judged, judged & summary.any, describe, summary.stretch)

@@ -104,7 +104,7 @@ def images_are_whole(view: ShardView, subjects: Mask) -> Iterator[Check]:
         row = int(damaged.first_row[i])
         return Mismatch(_place(frames, row), *images.damaged[int(frames.position[row])], int(damaged.count[i]))
 
-    yield Check.of_subjects(subjects & has_images, subjects & damaged.any, describe)
+    yield Check.of_subjects(subjects & has_images, subjects & damaged.any, describe, damaged.stretch)
 
 
 @rule("BD-FRM-008")
@@ -197,7 +197,7 @@ def images_follow_the_drive(view: ShardView, subjects: Mask) -> Iterator[Check]:
         found = "the same bytes: one of the two shows another place"
         return Mismatch(place, expected, found, int(summary.count[i]))
 
-    yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe)
+    yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe, summary.stretch)
 
 
 def _first_of_equal(*keys: NDArray[np.integer]) -> Index:
@@ -231,7 +231,7 @@ def images_show_something_of_their_own(view: ShardView, subjects: Mask) -> Itera
         found = "one colour" if flat[row] else f"the image of {frames['camera'][copies[row]]}"
         return Mismatch(place, f"what {frames['camera'][row]} sees", found, int(summary.count[i]))
 
-    yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe)
+    yield Check.of_subjects(subjects & has_images, subjects & summary.any, describe, summary.stretch)
     stored = np.zeros(len(frames), bool)
     stored[frames.position] = ~of_maps
     _demand_all(_images(view), stored)

@@ -176,7 +176,7 @@ def _of_evidence(
         place: dict[str, str | int] = {"table": "evidence", "column": column, "tick": int(evidence.tick[row])}
         return Mismatch(place, *describe(row), int(summary.count[i]))
 
-    return Check.of_subjects(subjects, subjects & summary.any, mismatch)
+    return Check.of_subjects(subjects, subjects & summary.any, mismatch, summary.stretch)
 
 
 @rule("BD-MAP-005")
@@ -258,7 +258,7 @@ def speed_limits_recompute(view: ShardView, subjects: Mask) -> Iterator[Check]:
         }  # fmt: skip
         return Mismatch(place, expected, quote(observations["speed_limit_mps"][row]), int(summary.count[i]))
 
-    yield Check.of_subjects(subjects, subjects & summary.any, mismatch)
+    yield Check.of_subjects(subjects, subjects & summary.any, mismatch, summary.stretch)
 
 
 @rule("BD-MAP-008")

@@ -18,7 +18,7 @@ from branchdrive.driving.unit import wrong_unit
 from branchdrive.files.survey import Survey
 from branchdrive.raw.motion.calibration import calibration_between_contacts
 from branchdrive.raw.motion.contact import is_free, knows_contacts, rest_observations, touches
-from branchdrive.raw.motion.quantity import QUANTITIES, wrong_of_one
+from branchdrive.raw.motion.quantity import QUANTITIES, share_text, wrong_of_one
 from branchdrive.raw.motion.residual import RELATIONS, Relation, displacement, turn
 from branchdrive.raw.rules.responses import MIN_INTERVENTIONS, prevails
 from branchdrive.raw.shard_view import ShardView
@@ -28,7 +28,7 @@ _MIN_JUDGED = len(HISTORY_OFFSETS) // 2
 """Observations of a history at which motion has to be judged."""
 
 
-_STRETCHES = ("", " up to the branch", " from the branch on")
+_STRETCHES = ("over the whole drive", "up to the branch", "from the branch on")
 """What the parts of `calibration_between_contacts` are of, in words."""
 
 
@@ -52,7 +52,7 @@ def _check(view: ShardView, subjects: Mask, *parts: _Part) -> Check:
         place: Location = {"table": "observations", "column": part.column, "tick": int(view.observations.tick[row])}
         return Mismatch(place, *part.text(row), int(summary.count[i]))
 
-    return Check.of_subjects(subjects & examined, subjects & summary.any, describe)
+    return Check.of_subjects(subjects & examined, subjects & summary.any, describe, summary.stretch)
 
 
 def _judged(view: ShardView, relation: Relation, text: Callable[[Relation, int], tuple[str, str]]) -> _Part:
@@ -151,10 +151,13 @@ def attempts_have_sign_unit_and_clock(view: ShardView, subjects: Mask) -> Iterat
         quantity, part = QUANTITIES[names[0]], int(wrong[names[0]][:, i].argmax())
         value = float(values[names[0]][part, i])
         unit = wrong_unit(names[0], value)
-        meaning = f", as what is {unit.text}" if unit else ""
+        meaning = f"as what is {unit.text}" if unit else share_text(names[0], value)
         place: Location = {"table": quantity.table, "column": quantity.column}
         expected = quantity.expected_of_stretch if part else quantity.expected_of_one
-        return Mismatch(place, expected, f"{value:.3g}{meaning}{_STRETCHES[part]}", len(names))
+        found = ", ".join(filter(None, (f"{value:.3g}", meaning, _STRETCHES[part])))
+        if others := "; ".join(QUANTITIES[name].text for name in names[1:]):
+            found += f"; wrong too: {others}"
+        return Mismatch(place, expected, found, len(names))
 
     yield Check.of_subjects(subjects & compared, subjects & bad, describe)
 

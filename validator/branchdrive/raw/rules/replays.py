@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.limits import physical_bounds
-from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch
+from branchdrive.contract.mismatch import Check, Location, Mask, Mismatch, Stretch
 from branchdrive.contract.rule import rule
 from branchdrive.contract.text import quote
 from branchdrive.contract.timing import PREDECESSOR_OFFSET
@@ -210,7 +210,19 @@ def _is_exact(view: ShardView) -> bool:
 def _check(judged: Mask, differences: Mapping[int, Mismatch]) -> Check:
     differing = np.zeros(len(judged), bool)
     differing[[*differences]] = True
-    return Check.of_subjects(judged, judged & differing, differences.__getitem__)
+    return Check.of_subjects(judged, judged & differing, differences.__getitem__, *_stretches(len(judged), differences))
+
+
+def _stretches(num_rollouts: int, differences: Mapping[int, Mismatch]) -> Iterator[Stretch]:
+    """The first difference of each attempt, by the table that it is in."""
+    for table in HISTORIES:
+        ticks = np.full(num_rollouts, Stretch.UNKNOWN, np.int64)
+        is_there = np.zeros(num_rollouts, bool)
+        for attempt, mismatch in differences.items():
+            if mismatch.location["table"] == table:
+                is_there[attempt], ticks[attempt] = True, mismatch.location.get("tick", Stretch.UNKNOWN)
+        if is_there.any():
+            yield Stretch(table, ticks, ticks, is_there)
 
 
 @rule("BD-RPN-005")
@@ -242,4 +254,4 @@ def noisy_histories_stay_near(view: ShardView, subjects: Mask) -> Iterator[Check
         return Mismatch(location, expected, found, int(summary.count[i]))
 
     judged = judged & observations.by_rollout(compared).any
-    yield Check.of_subjects(judged, judged & summary.any, describe)
+    yield Check.of_subjects(judged, judged & summary.any, describe, summary.stretch)

@@ -50,7 +50,7 @@ def _of_observations(
         }  # fmt: skip
         return Mismatch(place, *text(row), int(summary.count[i]))
 
-    return Check.of_subjects(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)
 
 
 @rule("BD-RTE-001")

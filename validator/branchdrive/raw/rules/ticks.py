@@ -9,6 +9,7 @@ Leakage"; spec/02-time-frames-units.md, spec/05-raw-streams.md#control-ticks.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -281,4 +282,5 @@ def actors_are_complete(view: ShardView, subjects: Mask) -> Iterator[Check]:
         return Mismatch(place, f"{recorded[row]} actor rows", f"{rows[row]}", int(summary.count[i]))
 
     subjects = subjects & evidence.is_there
-    yield Check.of_subjects(subjects, subjects & summary.any, describe)
+    stretch = replace(summary.stretch, table="actors")  # whose rows they are that lack
+    yield Check.of_subjects(subjects, subjects & summary.any, describe, stretch)

@@ -50,7 +50,7 @@ def _of_actors(
         place: Location = {"table": "actors", "column": column, "tick": int(stream["tick"][row]), "actor_id": actor_id}
         return Mismatch(place, *text(row), int(summary.count[i]))
 
-    return Check.of_subjects(subjects, subjects & summary.any, describe)
+    return Check.of_subjects(subjects, subjects & summary.any, describe, summary.stretch)
 
 
 @rule("BD-ACT-001")
