@@ -38,7 +38,7 @@ from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.engine.validate import validate
 from branchdrive.errors import PlatformError
-from branchdrive.runtime.executor import Died, Executor, Failed, in_process, isolated
+from branchdrive.runtime.executor import Died, Executor, Failed, in_process, isolated, load_soon
 from branchdrive.runtime.standing import standing
 
 
@@ -233,6 +233,14 @@ def test_calls_of_one_executor_share_the_process_that_forks_their_workers() -> N
     assert len(found) == 1
     assert found != {os.getpid()}
     assert isolated(2) == executor
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
+def test_what_workers_need_is_loaded_before_they_are_asked_for() -> None:
+    executor = load_soon(isolated(1), "branchdrive.engine.reading")
+    children = process_tree(os.getpid())
+    assert results(executor, started_by, [0])[0] in children
+    assert load_soon(in_process, "branchdrive.engine.reading") is in_process
 
 
 def test_a_script_from_standard_input_has_workers() -> None:
