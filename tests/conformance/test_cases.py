@@ -10,11 +10,14 @@ from pathlib import Path
 import jsonschema
 import pytest
 from tests import conformance_cases
+from tests.conformance_bases import BASES
 from tests.conformance_cases import case_names
-from tests.conformance_maker import Maker
+from tests.conformance_maker import Maker, expectation
+from tests.validator.engine.rules.case import judged_folder
 
 from branchdrive.contract.rule import CATALOGUE
-from branchdrive_conformance.case import Case, cases_dir, load_cases
+from branchdrive_conformance.case import Case, base_expectation, cases_dir, load_cases
+from branchdrive_conformance.materialize import lay_out_base
 from branchdrive_conformance.score import Answer, score
 
 MAX_CASE_BYTES = 20_000
@@ -49,6 +52,12 @@ def test_a_long_case_has_a_reason() -> None:
 
 def test_cases_and_bases_are_small() -> None:
     assert sum(path.stat().st_size for path in cases_dir().rglob("*") if path.is_file()) <= MAX_BYTES
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_a_base_dataset_is_as_it_is_described(base: str, tmp_path: Path) -> None:
+    lay_out_base(cases_dir(), base, tmp_path / "dataset")
+    assert expectation(judged_folder(tmp_path / "dataset")) == base_expectation(cases_dir(), base)
 
 
 def test_links_lead_to_the_same_place_wherever_a_case_is_written(cases: list[Case]) -> None:

@@ -13,7 +13,16 @@ from typing import Any
 import numpy as np
 from tests.content_cache import kept, remembered
 from tests.validator.benchmark.samples import GUARD, noise, paper_protocol, paths_of, risk_fit
-from tests.validator.engine.rules.release import BUILT, ENDINGS, SPLIT, STEPS, ReleaseDraft, release_draft
+from tests.validator.engine.rules.release import (
+    BUILT,
+    ENDINGS,
+    LEAKAGE,
+    SPLIT,
+    STEPS,
+    ReleaseDraft,
+    built,
+    release_draft,
+)
 
 from branchdrive.benchmark.checkpoint import CheckpointFacts
 from branchdrive.benchmark.lock import LockedCheckpoint, LockFacts, lock_document, ranking_lock_document, risk_fit_of
@@ -228,7 +237,7 @@ class _Made:
 
 @cache
 def _made() -> _Made:
-    return kept("benchmark", _Made)
+    return kept(f"benchmark-{document_digest(built().documents[LEAKAGE])[:16]}", _Made)  # see `Maker`
 
 
 def _protocol() -> BenchmarkProtocol:
