@@ -70,7 +70,7 @@ class Gallery:
 
     Args:
         report: The report.
-        folder: Name of the folder of pages of single groups; ``None`` where there are none.
+        folder: Address of the folder of pages of single groups; ``None`` where there are none.
         faults: What is wrong in single groups.
     """
 

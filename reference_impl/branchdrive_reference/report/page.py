@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from branchdrive.cli.formats.causes import CAUSES_HEAD, CauseText
 from branchdrive.cli.formats.outcome import Failure, Level, Outcome, Place, files_text
@@ -63,7 +65,7 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
     outcome = Outcome.of(report.validation, _FINDINGS_LISTED)
     style = asset("report.css") + ("" if bank is None else palette(bank))
     faults = Faults(report.validation)
-    gallery = Gallery(report, folder, faults)
+    gallery = Gallery(report, None if folder is None else quote(os.fsencode(folder)), faults)
     cards = gallery.cards()
     context = {
         "title": _title(report),
@@ -84,7 +86,7 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
     }
     context["contents"] = _contents(context)
     page = rendered_page("report.html.j2", style, **context)
-    beside = iter(()) if folder is None else _beside(report, gallery, style, name)
+    beside = iter(()) if folder is None else _beside(report, gallery, style, f"../{quote(os.fsencode(name))}")
     return Pages(page, beside, len(gallery.played))
 
 
@@ -247,8 +249,8 @@ def _filters(cards: Iterable[Card]) -> list[tuple[str, str, list[str]]]:
     return [entry for entry in found if entry[2]]
 
 
-def _beside(report: DatasetReport, gallery: Gallery, style: str, name: str) -> Iterator[tuple[str, bytes]]:
-    """Pages of groups that the report has no room for."""
+def _beside(report: DatasetReport, gallery: Gallery, style: str, back: str) -> Iterator[tuple[str, bytes]]:
+    """Pages of groups that the report has no room for, which lead back to an address."""
     if report.dataset is None:
         return
     facts = {group.group_id: group for group in gallery.beside}
@@ -263,9 +265,9 @@ def _beside(report: DatasetReport, gallery: Gallery, style: str, name: str) -> I
         _, document, _ = played_group(group, seen, known, report.dataset.descriptor, _IMAGE_BYTES_BESIDE)
         elements = known.around(group.town, seen.scene) if seen.scene.futures else []
         towns = {group.town: packed_roads(elements)} if elements else {}
-        shared = island(shared_data(bank, towns, gallery.faults.levels, report=f"../{name}"))
+        shared = island(shared_data(bank, towns, gallery.faults.levels, report=back))
         page = rendered_page(
-            "group.html.j2", style, title=label(group_id), back=f"../{name}", shared=shared, played=[island(document)],
+            "group.html.j2", style, title=label(group_id), back=back, shared=shared, played=[island(document)],
             opens=True,
         )  # fmt: skip
         yield f"{group_id}.html", page

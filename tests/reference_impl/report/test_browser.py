@@ -250,6 +250,21 @@ def test_hostile_text_is_shown_and_does_nothing(browser: Any, tmp_path: Path) ->
         assert visit.state("window.hostile") is None
 
 
+def test_a_town_may_have_a_name_that_scripts_know(browser: Any, tmp_path: Path) -> None:
+    made(written(tmp_path / "d", {"rollouts": every("town", "constructor")}), tmp_path / "report.html")
+    with visits(browser, tmp_path / "report.html") as visit:
+        opened(visit)
+        assert "constructor" in visit.page.locator("#player-facts").text_content()
+
+
+def test_an_address_of_no_group_opens_nothing_and_closes_what_is_open(browser: Any, path: Path) -> None:
+    with visits(browser, path, fragment="#play-99") as visit:
+        assert not visit.state("dialog.open")
+        opened(visit)
+        visit.state("location.hash = '#play-99'")
+        visit.until("!dialog.open")
+
+
 def test_a_page_of_one_group_opens_and_leads_back(
     browser: Any, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -257,8 +272,8 @@ def test_a_page_of_one_group_opens_and_leads_back(
 
     monkeypatch.setattr(module, "PLAYED_BYTES", 0)
     monkeypatch.setattr(module, "IMAGE_BYTES", 0)
-    made(dataset, tmp_path / "report.html", "--folder")
-    with visits(browser, tmp_path / "report.html") as visit:
+    made(dataset, tmp_path / "a%20b#1.html", "--folder")
+    with visits(browser, tmp_path / "a%20b#1.html") as visit:
         visit.page.locator("a.open").first.focus()
         visit.press("Enter")
         visit.until("typeof player !== 'undefined' && dialog.open")

@@ -141,8 +141,9 @@ def test_a_server_forks_workers_with_its_modules_and_without_threads(is_forked: 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
 def test_a_server_that_stays_loads_what_later_workers_need_and_ends_with_its_contexts() -> None:
     contexts, servers, loaded = ArrayContexts(), [], []
-    for module in ("wave", "branchdrive.formats.manifest"):
-        with ProcessPoolExecutor(1, contexts.get(module)) as pool:
+    # Both contexts are there before the first worker is: each has the modules that it was asked for.
+    for module, context in [(name, contexts.get(name)) for name in ("wave", "branchdrive.formats.manifest")]:
+        with ProcessPoolExecutor(1, context) as pool:
             _, server, modules = pool.submit(_who_i_am, 0).result()
         servers.append(server)
         loaded.append(module in modules)
@@ -150,6 +151,14 @@ def test_a_server_that_stays_loads_what_later_workers_need_and_ends_with_its_con
     assert all(loaded)
     del contexts
     assert not Path(f"/proc/{servers[0]}").exists()
+
+
+def test_workers_have_the_environment_of_their_start(is_forked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    contexts = ArrayContexts()
+    for value in ("first", "second"):
+        monkeypatch.setenv("GIVEN", value)
+        with ProcessPoolExecutor(1, contexts.get()) as pool:
+            assert pool.submit(_variables, ["GIVEN"]).result() == {"GIVEN": value}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")

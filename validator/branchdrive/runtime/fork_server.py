@@ -21,7 +21,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
@@ -71,21 +71,17 @@ class ForkServer:
                 )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        self._modules: Sequence[str] = modules
         self._has_workers = False
-
-    def load(self, modules: Sequence[str]) -> None:
-        """Import these before the next worker is forked."""
-        self._modules = modules
 
     def wait(self) -> None:
         """Wait until it serves, or will not; an interrupt is heard meanwhile."""
         self._requests.recv(len(_READY))
 
-    def fork(self, data: int, status: int, shared: Sequence[int]) -> None:
+    def fork(self, modules: Sequence[str], data: int, status: int, shared: Sequence[int]) -> None:
         """Ask for a worker.
 
         Args:
+            modules: What is imported first.
             data: Where it reads what to do; its parent is alive while the other end is open.
             status: Where it writes its process number; closes as it ends.
             shared: File descriptors of locks, queues and pipes that it shares.
@@ -95,7 +91,7 @@ class ForkServer:
         """
         tracker = cast(int, resource_tracker.getfd())  # which is running since the context was made
         try:
-            socket.send_fds(self._requests, [" ".join(self._modules).encode()], [data, status, tracker, *shared])
+            socket.send_fds(self._requests, [" ".join(modules).encode()], [data, status, tracker, *shared])
         except OSError as error:
             raise NoServerError from error
         self._has_workers = True
@@ -114,12 +110,16 @@ class ForkServer:
 class ForkedPopen(popen_forkserver.Popen):
     """A worker that a server forks, as `multiprocessing` knows it: what its own fork servers start, by another way.
 
+    Args:
+        process: What it does.
+        fork: `ForkServer.fork` with the modules of the worker.
+
     Raises:
         NoServerError: There is no server.
     """
 
-    def __init__(self, process: Any, server: ForkServer) -> None:
-        self._server = server
+    def __init__(self, process: Any, fork: Callable[[int, int, Sequence[int]], None]) -> None:
+        self._fork = fork
         super().__init__(process)
 
     def _launch(self, process: Any) -> None:
@@ -134,7 +134,7 @@ class ForkedPopen(popen_forkserver.Popen):
         data, feed = os.pipe()
         self.finalizer = util.Finalize(self, _close, (feed, self.sentinel))
         try:
-            self._server.fork(data, status, self._fds)  # type: ignore[attr-defined]
+            self._fork(data, status, self._fds)  # type: ignore[attr-defined]
         finally:
             _close(data, status)
         try:

@@ -117,12 +117,14 @@ def array_context(*modules: str) -> Iterator[SpawnContext]:
 class ArrayContexts:
     """Contexts for processes that compute with arrays; see `ARRAY_WORK`.
 
-    Where that is safe, they are forked by one server, which ends with this object.
+    Where that is safe, they are forked by one server, which ends with this object, or where the environment or the path
+    of modules is another one by then.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._server: ForkServer | None = None
+        self._environment: Mapping[str, str] = {}
         self._is_ready = False
         self.close: Callable[[], object] = lambda: None
         """End the server, if there is one; then there are no more contexts."""
@@ -140,8 +142,7 @@ class ArrayContexts:
             if not self._is_ready:
                 server.wait()
                 self._is_ready = True
-            server.load(modules)
-        return _ForkContext(server)
+        return _ForkContext(partial(server.fork, modules))
 
     def start(self, *modules: str) -> ForkServer | None:
         """Begin to import modules, for who needs them soon; ``None`` where nothing is forked.
@@ -150,9 +151,11 @@ class ArrayContexts:
             PlatformError: The interpreter was started so that its children ignore the environment.
         """
         _prepare_to_start()
+        environment = {**_environment(_server_path()), **ARRAY_WORK}
         with self._lock:
-            if self._server is None and _MAY_FORK:
-                self._server = ForkServer(modules, {**_environment(_server_path()), **ARRAY_WORK})
+            if _MAY_FORK and environment != self._environment:
+                self.close()
+                self._server, self._environment, self._is_ready = ForkServer(modules, environment), environment, False
                 self.close = weakref.finalize(self, self._server.close)
             return self._server
 
@@ -206,15 +209,15 @@ class _ArrayProcess(_Process):
 class _ForkedProcess(_ArrayProcess):
     """A process that a server forks, or that starts by itself where there is none."""
 
-    def __init__(self, server: ForkServer, *arguments: Any, **named: Any) -> None:
+    def __init__(self, fork: Callable[..., None], *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._server = server
+        self._fork = fork
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802  (the name is multiprocessing's)
-        server = vars(process_obj).pop("_server")  # which does not travel to the process
+        fork = vars(process_obj).pop("_fork")  # which does not travel to the process
         try:
-            return ForkedPopen(process_obj, server)
+            return ForkedPopen(process_obj, fork)
         except NoServerError:
             return _ArrayProcess._Popen(process_obj)
 
@@ -228,8 +231,8 @@ class _ArrayContext(SpawnContext):
 
 
 class _ForkContext(SpawnContext):
-    def __init__(self, server: ForkServer) -> None:
-        self.Process = partial(_ForkedProcess, server)  # type: ignore[assignment,misc]
+    def __init__(self, fork: Callable[..., None]) -> None:
+        self.Process = partial(_ForkedProcess, fork)  # type: ignore[assignment,misc]
 
 
 @contextmanager

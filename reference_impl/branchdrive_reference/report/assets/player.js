@@ -28,7 +28,7 @@ function swatch(index) {
 const towns = new Map();
 function roadsOf(town) {
   if (!towns.has(town)) {
-    const packed = shared.towns[town];
+    const packed = Object.hasOwn(shared.towns, town) && shared.towns[town];  // a town may be called "constructor"
     towns.set(town, packed ? roadPaths(decodedTown({ ...packed, step_m: shared.steps.road_m }).map((element) => ({
       ...element, x: element.x.map((x) => x + packed.at[0]), y: element.y.map((y) => y + packed.at[1]),
     }))) : null);
@@ -328,10 +328,10 @@ function leaveTo(event, id) {
   dialog.close();
 }
 
-/** Open a group of the page, at a place of a finding where one is named. */
+/** Open a group of the page, at a place of a finding where one is named; whether there is the group. */
 function openGroup(place, rule, number) {
   const packed = documentOf(`group-data-${place}`);
-  if (packed === null) return;
+  if (packed === null) return false;
   const group = packed.data === undefined ? { ...packed, futures: [] } : decodedGroup(packed, shared.steps);
   group.faults = decodedFaults(packed);
   group.spots = orderedSpots(group.faults);
@@ -360,19 +360,15 @@ function openGroup(place, rule, number) {
     fillChoices();
   } else byId("player-remarks").after(byId("faults"));
   const spot = group.faults.find((fault) => fault.rule === rule)?.spots[number];
-  if (spot === undefined || spot.future < 0) {
-    choiceChanged();
-    return;
-  }
-  chooseSpot(spot);
+  if (spot === undefined || spot.future < 0) choiceChanged();
+  else chooseSpot(spot);
+  return true;
 }
 
 /** Open what an address such as `#play-3` or `#play-3-BD-EVD-001-0` names; whether it names something. */
 function openAddress(hash) {
   const asked = /^#play-(\d+)(?:-(BD-[A-Z]{3}-\d{3})-(\d+))?$/.exec(hash);
-  if (asked === null) return false;
-  openGroup(Number(asked[1]), asked[2], Number(asked[3]));
-  return true;
+  return asked !== null && openGroup(Number(asked[1]), asked[2], Number(asked[3]));
 }
 
 function setPlaying(isPlaying) {
