@@ -14,6 +14,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch, whose threads wait by
 import signal
 import socket
 import sys
+import tempfile
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -25,6 +27,25 @@ if TYPE_CHECKING:
 # Hundreds of child processes import the package, and every worker the tests: they are compiled once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+_MEMORY_DIR = Path("/dev/shm")  # noqa: S108  (what the system offers to everybody)
+_ENOUGH_BYTES = 4 << 30
+"""Free space from which on temporary files go there: a run leaves a few hundred MB until it ends."""
+
+
+def _take_memory() -> None:
+    """Let temporary files, of child processes too, lie in memory where there is plenty and nobody said where.
+
+    Tests write and remove them by the ten thousand, which costs several times as much in a file system of a disk.
+    """
+    if "TMPDIR" in os.environ or not os.access(_MEMORY_DIR, os.W_OK):
+        return
+    status = os.statvfs(_MEMORY_DIR)
+    if status.f_bavail * status.f_frsize >= _ENOUGH_BYTES and not status.f_flag & getattr(os, "ST_NOEXEC", 0):
+        os.environ["TMPDIR"] = tempfile.tempdir = str(_MEMORY_DIR)
+
+
+_take_memory()
 
 _COMMON: dict[str, Any] = {"deadline": None, "database": None, "suppress_health_check": [HealthCheck.too_slow]}
 """What Hypothesis would hold against a busy machine is left out."""
