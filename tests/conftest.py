@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-_MEMORY_DIR = Path("/dev/shm")  # noqa: S108  (what the system offers to everybody)
+_MEMORY_DIR = Path("/dev/shm")
 _ENOUGH_BYTES = 4 << 30
 """Free space from which on temporary files go there: a run leaves a few hundred MB until it ends."""
 
