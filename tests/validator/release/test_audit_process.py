@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from tests.hostile_folder import infest, marks
 from tests.reference_impl.collect.running import session_of
 from tests.repo.checkout import ROOT
+from tests.validator.release.audit_tasks import Failing, Killer, Known, Teller
 from tests.validator.release.running import QUICK
 from tests.validator.runtime.tasks import sleep_and_tell
 from tests.waiting import wait_for
@@ -24,8 +23,7 @@ from tests.waiting import wait_for
 from branchdrive.engine.spool import Spool
 from branchdrive.errors import ToolError
 from branchdrive.formats.folder import Folder
-from branchdrive.leakage.classifier import SequenceClassifier, SequenceScores, SequenceTask, Unavailable
-from branchdrive.leakage.inputs import ReplayInputs
+from branchdrive.leakage.classifier import SequenceClassifier, Unavailable
 from branchdrive.leakage.replays import replay_inputs
 from branchdrive.release import audit_process
 from branchdrive.release.audit_process import AuditTask, audit_here, audit_in_own_process
@@ -33,50 +31,6 @@ from branchdrive.release.built_layers import load_layers
 from branchdrive.release.scan import scan_raw
 from branchdrive.release.spread_draw import SpreadDraw
 from branchdrive.runtime.executor import in_process, isolated
-
-
-@dataclass(frozen=True)
-class Teller:
-    """A classifier that tells by its number of epochs how many threads it may have."""
-
-    settings: Mapping[str, int | float | str] = field(default_factory=lambda: {"name": "teller"})
-
-    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
-        threads = int(os.environ["OPENBLAS_NUM_THREADS"])
-        num_actions = task.test.shape[1]
-        scores = np.full((len(task.test), num_actions, num_actions), -np.log(num_actions))
-        return SequenceScores(scores, num_epochs=threads, best_epoch=int(os.environ["OMP_NUM_THREADS"]))
-
-
-@dataclass(frozen=True)
-class Killer:
-    """A classifier that ends its process."""
-
-    settings: Mapping[str, int | float | str] = field(default_factory=lambda: {"name": "killer"})
-
-    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
-        os.kill(os.getpid(), signal.SIGKILL)
-        raise AssertionError
-
-
-@dataclass(frozen=True)
-class Failing:
-    """A classifier with scores of no shape."""
-
-    settings: Mapping[str, int | float | str] = field(default_factory=lambda: {"name": "failing"})
-
-    def __call__(self, task: SequenceTask, *, seed: int) -> SequenceScores:
-        return SequenceScores(np.zeros(3), 1, 1)
-
-
-@dataclass(frozen=True)
-class Known:
-    """Inputs that wait nowhere."""
-
-    inputs: ReplayInputs
-
-    def __call__(self) -> ReplayInputs:
-        return self.inputs
 
 
 class Parts(dict[str, dict[str, Any]]):
