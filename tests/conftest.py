@@ -11,9 +11,12 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: tests run side by side, one core each
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch, whose threads wait by turning
 
+import shutil
 import signal
 import socket
 import sys
+import tempfile
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -25,6 +28,40 @@ if TYPE_CHECKING:
 # Hundreds of child processes import the package, and every worker the tests: they are compiled once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+_MEMORY_DIR = Path("/dev/shm")
+_ENOUGH_BYTES = 4 << 30
+"""Free space from which on temporary files go there: a run leaves a few hundred MB until it ends."""
+
+
+def _folder_in_memory() -> Path | None:
+    """A new folder for temporary files, of child processes too, where memory is plenty and nobody said where.
+
+    Tests write and remove files by the ten thousand, which costs several times as much in a file system of a disk.
+    Folders of runs that have ended go: those that failed leave theirs, to be looked at.
+    """
+    if "TMPDIR" in os.environ or not os.access(_MEMORY_DIR, os.W_OK):
+        return None
+    status = os.statvfs(_MEMORY_DIR)
+    if status.f_bavail * status.f_frsize < _ENOUGH_BYTES or status.f_flag & getattr(os, "ST_NOEXEC", 0):
+        return None
+    for old in _MEMORY_DIR.glob("branchdrive-tests-*"):
+        if not Path("/proc", old.name.split("-")[2]).exists():
+            shutil.rmtree(old, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=f"branchdrive-tests-{os.getpid()}-", dir=_MEMORY_DIR))
+
+
+_own_folder = _folder_in_memory()  # of the process that starts workers, which find it in the environment
+if _own_folder is not None:
+    os.environ["TMPDIR"] = tempfile.tempdir = str(_own_folder)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(exitstatus: int) -> None:
+    """Temporary files of killed processes go with those of the tests."""
+    if _own_folder is not None and not exitstatus:
+        shutil.rmtree(_own_folder, ignore_errors=True)
+
 
 _COMMON: dict[str, Any] = {"deadline": None, "database": None, "suppress_health_check": [HealthCheck.too_slow]}
 """What Hypothesis would hold against a busy machine is left out."""

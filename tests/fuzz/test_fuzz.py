@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -110,11 +111,18 @@ def test_a_case_is_the_same_again(bases: dict[str, Path], tmp_path: Path, monkey
     assert first == again
 
 
+class Endless(dict[str, Path]):
+    """Roots of datasets, which a process that takes them up waits for forever."""
+
+    def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
+        return signal.pause, ()
+
+
 def test_a_case_that_takes_too_long_or_dies_is_lost_alone(bases: dict[str, Path], tmp_path: Path) -> None:
     missing = dict.fromkeys(bases, tmp_path / "nowhere")
     ((index, lost),) = run_cases([5], 0, missing, tmp_path / "died", jobs=1, limit_s=PATIENCE_S, max_cpu_s=PATIENCE_S)
     assert (index, lost) == (5, Lost("its process died with 1", is_death=True))
-    ((index, lost),) = run_cases([5], 0, bases, tmp_path / "slow", jobs=1, limit_s=0.01, max_cpu_s=PATIENCE_S)
+    ((index, lost),) = run_cases([5], 0, Endless(), tmp_path / "slow", jobs=1, limit_s=0.01, max_cpu_s=PATIENCE_S)
     assert (index, lost) == (5, Lost("it took more than 0.01 s", is_death=False))
 
 

@@ -27,7 +27,8 @@ from branchdrive.formats.folder import Folder
 from branchdrive.formats.parquet import encode_table
 from branchdrive.formats.table_file import conform, join_parts, read_layer_table, read_table
 from branchdrive.model.reader import open_model
-from branchdrive.runtime.executor import in_process, isolated
+from branchdrive.runtime.executor import in_process
+from branchdrive.runtime.standing import standing
 from branchdrive.tables.arrow import from_arrow
 
 
@@ -61,7 +62,8 @@ def test_workers_and_this_process_build_the_same_parts(raw: Path, two_parts: Pat
     root = shutil.copytree(two_parts, tmp_path / "dataset")
     for path in tables(root):
         (root / path).unlink()
-    build(root, executor=isolated(2))
+    with standing(2) as workers:  # test_determinism.py builds one part by processes that are new for every step
+        build(root, executor=workers)
     assert contents(root) == contents(two_parts)
 
 

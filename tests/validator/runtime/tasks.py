@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
@@ -166,6 +166,55 @@ def count_parts(num_parts: int, between: Callable[..., None]) -> int:
         between(part)
         time.sleep(0.01)
     return num_parts
+
+
+def variables(names: list[str]) -> dict[str, str | None]:
+    return {name: os.environ.get(name) for name in names}
+
+
+def faults_of_a_second_array(num_bytes: int) -> int:
+    """Pages that the system hands out for an array of the size of one that was just given back."""
+    import resource
+
+    import numpy as np
+
+    for _ in range(2):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        np.ones(num_bytes, np.uint8)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
+def who_i_am(_: int) -> tuple[int, int, list[str]]:
+    """This process and the one that started it, and what this one has loaded."""
+    return os.getpid(), os.getppid(), list(sys.modules)
+
+
+def refuse(task: int, between: Callable[..., None]) -> int:
+    from branchdrive.errors import UsageError
+
+    between(task)
+    raise UsageError(f"no {task}")
+
+
+@dataclass
+class Counting:
+    """Counts its tasks in a process, and takes what memory it likes."""
+
+    name: str
+    seen: list[int] = field(default_factory=list)
+
+    def __call__(self, task: int, between: Callable[..., None]) -> tuple[int, int, bool]:
+        import resource
+
+        from branchdrive.contract.limits import spec_limits
+
+        self.seen.append(task)
+        soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
+        return os.getpid(), len(self.seen), soft == resource.RLIM_INFINITY or soft > spec_limits().max_worker_bytes
+
+
+def cannot_import(task: int) -> int:
+    raise ImportError("libarrow.so: cannot open shared object file", name="pyarrow")
 
 
 if parent_process() is not None and "BROKEN_IMPORT" in os.environ:

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from dataclasses import dataclass, field
-
 import pytest
-from tests.validator.runtime.tasks import Adding, die_between, raise_between
+from tests.validator.runtime.tasks import Adding, Counting, die_between, raise_between, refuse
 
-from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import PlatformError, ToolError, UsageError
 from branchdrive.runtime.elsewhere import unseen_error
 from branchdrive.runtime.executor import Executor, in_process, isolated
@@ -29,11 +24,6 @@ def test_every_task_gives_its_result_and_its_reports(executor: Executor) -> None
     assert list(run_each(Adding(3), [], jobs=1, executor=executor)) == []
 
 
-def refuse(task: int, between: Callable[..., None]) -> int:
-    between(task)
-    raise UsageError(f"no {task}")
-
-
 def test_errors_of_ours_come_back_as_they_are_after_what_was_reported() -> None:
     reports: list[int] = []
     with pytest.raises(UsageError, match=r"^no 7$"):
@@ -46,21 +36,6 @@ def test_other_errors_and_deaths_are_those_of_the_tool() -> None:
         list(run_each(raise_between, [1], jobs=1, executor=in_process))
     with pytest.raises(ToolError, match="a worker process died; make room in memory"):
         list(run_each(die_between, [2], jobs=1, executor=isolated(1)))
-
-
-@dataclass
-class Counting:
-    """Counts its tasks in a process, and takes what memory it likes."""
-
-    name: str
-    seen: list[int] = field(default_factory=list)
-
-    def __call__(self, task: int, between: Callable[..., None]) -> tuple[int, int, bool]:
-        import resource
-
-        self.seen.append(task)
-        soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
-        return os.getpid(), len(self.seen), soft == resource.RLIM_INFINITY or soft > spec_limits().max_worker_bytes
 
 
 def test_a_process_keeps_what_a_function_keeps_and_has_no_limit_on_memory() -> None:

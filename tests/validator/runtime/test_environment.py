@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.validator.engine import datasets
+from tests.validator.runtime.tasks import cannot_import, lack
 
 import branchdrive
 from branchdrive.cli.main import run, validate_run
@@ -154,17 +155,9 @@ def test_an_extra_is_blamed_for_what_it_brings_alone(monkeypatch: pytest.MonkeyP
         from json import nothing  # type: ignore[attr-defined]  # noqa: F401
 
 
-def cannot_import(task: int) -> int:
-    raise ImportError("libarrow.so: cannot open shared object file", name="pyarrow")
-
-
-def lacks(task: int) -> int:
-    raise PlatformError("no room")
-
-
 def test_what_a_task_lacks_ends_the_run_and_is_no_result() -> None:
     for executor in (in_process, isolated(1)):
         with pytest.raises(PlatformError, match="this command cannot be loaded: libarrow"):
             list(executor(cannot_import, [1]))
-        with pytest.raises(PlatformError, match="no room"):
-            list(executor(lacks, [1]))
+        with pytest.raises(PlatformError, match="no disk for 1"):
+            list(executor(lack, [1]))

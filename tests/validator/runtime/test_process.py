@@ -12,11 +12,11 @@ import threading
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 from tests.hostile_folder import infest, marks
 from tests.repo.checkout import ROOT
 from tests.validator.engine import datasets
+from tests.validator.runtime.tasks import faults_of_a_second_array, variables, who_i_am
 from tests.waiting import PATIENCE_S, wait_for
 
 from branchdrive.runtime.process import ARRAY_WORK, ArrayContexts, array_context, spawn_context
@@ -79,10 +79,6 @@ def is_forked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     return may_fork
 
 
-def _variables(names: list[str]) -> dict[str, str | None]:
-    return {name: os.environ.get(name) for name in names}
-
-
 def test_workers_of_the_validator_have_an_environment_for_arrays_and_others_the_one_they_were_given(
     is_forked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,40 +91,25 @@ def test_workers_of_the_validator_have_an_environment_for_arrays_and_others_the_
     with array_context() as for_arrays:
         for context, expected in ((for_arrays, dict(ARRAY_WORK)), (spawn_context(), given)):
             with ProcessPoolExecutor(1, context) as pool:
-                assert pool.submit(_variables, list(ARRAY_WORK)).result() == expected
-            assert _variables(list(ARRAY_WORK)) == given
-
-
-def _faults_of_a_second_array(num_bytes: int) -> int:
-    """Pages that the system hands out for an array of the size of one that was just given back."""
-    import resource
-
-    for _ in range(2):
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-        np.ones(num_bytes, np.uint8)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+                assert pool.submit(variables, list(ARRAY_WORK)).result() == expected
+            assert variables(list(ARRAY_WORK)) == given
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators decide for themselves")
 def test_workers_of_the_validator_keep_the_memory_of_arrays(is_forked: bool) -> None:
     with array_context() as context, ProcessPoolExecutor(1, context) as pool:
-        assert pool.submit(_faults_of_a_second_array, 2_000_000).result() < 50
-
-
-def _who_i_am(_: int) -> tuple[int, int, list[str]]:
-    """This process and the one that started it, and what this one has loaded."""
-    return os.getpid(), os.getppid(), list(sys.modules)
+        assert pool.submit(faults_of_a_second_array, 2_000_000).result() < 50
 
 
 def _parent_of_a_worker(*modules: str) -> int:
     with array_context(*modules) as context, ProcessPoolExecutor(1, context) as pool:
-        return pool.submit(_who_i_am, 0).result()[1]
+        return pool.submit(who_i_am, 0).result()[1]
 
 
 def test_a_server_forks_workers_with_its_modules_and_without_threads(is_forked: bool) -> None:
     with array_context("branchdrive.engine.reading", "pyarrow.parquet") as context:
         with ProcessPoolExecutor(2, context) as pool:
-            found = list(pool.map(_who_i_am, range(2)))
+            found = list(pool.map(who_i_am, range(2)))
             (parent,) = {parent for _, parent, _ in found}
             assert (parent != os.getpid()) == is_forked
             if is_forked:
@@ -188,17 +169,17 @@ def test_workers_start_by_themselves_where_what_a_server_loads_is_not_fit_for_fo
         with array_context(name) as context:
             patch.undo()  # where they start by themselves, nothing of it is on their way
             with ProcessPoolExecutor(1, context) as pool:
-                assert pool.submit(_who_i_am, 0).result()[1] == os.getpid()
+                assert pool.submit(who_i_am, 0).result()[1] == os.getpid()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
 def test_workers_start_by_themselves_where_their_server_was_killed() -> None:
     with array_context() as context:
         with ProcessPoolExecutor(1, context) as pool:
-            server = pool.submit(_who_i_am, 0).result()[1]
+            server = pool.submit(who_i_am, 0).result()[1]
         os.kill(server, signal.SIGKILL)
         with ProcessPoolExecutor(1, context) as pool:
-            assert pool.submit(_who_i_am, 0).result()[1] == os.getpid()
+            assert pool.submit(who_i_am, 0).result()[1] == os.getpid()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")

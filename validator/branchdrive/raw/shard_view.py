@@ -7,6 +7,7 @@ several rules need (windows, active rows, expected commands) is computed once an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.columns import TABLES
 from branchdrive.contract.descriptor import Descriptor
+from branchdrive.contract.mismatch import PreconditionError
 from branchdrive.tables.view import StreamView, TableView
 
 if TYPE_CHECKING:
@@ -28,6 +30,13 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class _Lacking:
+    """Why there is no result."""
+
+    reason: str
 
 
 class ShardView:
@@ -85,10 +94,19 @@ class ShardView:
         return self._streams[table]
 
     def cached(self, compute: Callable[[ShardView], T]) -> T:
-        """Result of `compute` on this view, computed on first use: what several rules need."""
+        """Result of `compute` on this view, computed on first use: what several rules need.
+
+        Raises:
+            PreconditionError: It has none, which is found out once as well.
+        """
         if compute not in self._computed:
-            self._computed[compute] = compute(self)
-        result: T = self._computed[compute]
+            try:
+                self._computed[compute] = compute(self)
+            except PreconditionError as reason:
+                self._computed[compute] = _Lacking(str(reason))
+        result: T | _Lacking = self._computed[compute]
+        if isinstance(result, _Lacking):
+            raise PreconditionError(result.reason)
         return result
 
     @property

@@ -80,9 +80,12 @@ class TableView:
         """Rows whose value is not null, ``[rows]``."""
         if column not in self._valid:
             array = self._array(column)
-            found = present(array) if array.null_count else self._all
-            # Columns often lack values together: one mask is enough for them.
-            self._valid[column] = next((m for m in self._valid.values() if np.array_equal(m, found)), found)
+            found = self._all
+            if array.null_count:
+                found = present(array)
+                # Columns often lack values together: one mask is enough for them.
+                found = next((m for m in self._valid.values() if np.array_equal(m, found)), found)
+            self._valid[column] = found
         return self._valid[column]
 
     @cached_property

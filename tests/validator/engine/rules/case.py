@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -24,6 +24,8 @@ from branchdrive.engine.report import Report
 from branchdrive.engine.validate import validate
 from branchdrive.formats.place import Place
 from branchdrive.formats.untrusted_parquet import decode_table
+from branchdrive.leakage.cells import Readings
+from branchdrive.leakage.code import Answers, Code, Order, codes
 from branchdrive.tables.content import table_digest
 
 Edit: TypeAlias = Callable[[Any], object]
@@ -247,6 +249,7 @@ def judged_folder(root: Place, **options: Any) -> Report:
         for place in PURE:
             module, name = place.rsplit(".", 1)
             patch.setattr(place, remembered(getattr(import_module(module), name)))
+        patch.setattr("branchdrive.leakage.rules.codes.codes", _codes)
         patch.setattr("branchdrive.engine.derived_files.decode_table", _decoded)
         patch.setattr("branchdrive.engine.derived_files.table_digest", _digest)
         return validate(root, executor=remembering, **options)
@@ -256,6 +259,7 @@ PURE = (
     "branchdrive.engine.derived_files.schema_mismatches",
     "branchdrive.benchmark.protocol.rules.read_protocol",
     "branchdrive.benchmark.rules.results_document",
+    "branchdrive.leakage.rules.codes.readings_of_history",
     "branchdrive.leakage.rules.structural.affine_targets",
     "branchdrive.leakage.rules.structural.neighbours_p",
     "branchdrive.leakage.rules.structural.ranked_targets",
@@ -276,6 +280,12 @@ PURE = (
 Every rule runs on every case; what one of these said of equal arguments before is not computed again, since most
 defects leave most tables and documents as they are.
 """
+
+
+def _codes(columns: Iterable[tuple[Readings, Order | None]], asked: Sequence[Answers]) -> list[Code]:
+    """Readings that are codes; of the same columns beside the same answers they are looked for once."""
+    found: list[Code] = remembered(codes)([*columns], asked)
+    return found
 
 
 _tables: dict[tuple[bytes, str], pa.Table] = {}
