@@ -125,7 +125,7 @@ def test_a_server_that_stays_loads_what_later_workers_need_and_ends_with_its_con
     # Both contexts are there before the first worker is: each has the modules that it was asked for.
     for module, context in [(name, contexts.get(name)) for name in ("wave", "branchdrive.formats.manifest")]:
         with ProcessPoolExecutor(1, context) as pool:
-            _, server, modules = pool.submit(_who_i_am, 0).result()
+            _, server, modules = pool.submit(who_i_am, 0).result()
         servers.append(server)
         loaded.append(module in modules)
     assert servers[0] == servers[1] != os.getpid()
@@ -139,7 +139,7 @@ def test_workers_have_the_environment_of_their_start(is_forked: bool, monkeypatc
     for value in ("first", "second"):
         monkeypatch.setenv("GIVEN", value)
         with ProcessPoolExecutor(1, contexts.get()) as pool:
-            assert pool.submit(_variables, ["GIVEN"]).result() == {"GIVEN": value}
+            assert pool.submit(variables, ["GIVEN"]).result() == {"GIVEN": value}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")
@@ -147,7 +147,7 @@ def test_workers_start_by_themselves_where_a_server_cannot_load_what_later_ones_
     contexts = ArrayContexts()
     for module, is_forked in (("wave", True), ("branchdrive.no_such_module", False), ("wave", False)):
         with ProcessPoolExecutor(1, contexts.get(module)) as pool:
-            assert (pool.submit(_who_i_am, 0).result()[1] != os.getpid()) == is_forked
+            assert (pool.submit(who_i_am, 0).result()[1] != os.getpid()) == is_forked
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forked on Linux alone")

@@ -129,6 +129,9 @@ class ArrayContexts:
         self.close: Callable[[], object] = lambda: None
         """End the server, if there is one; then there are no more contexts."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), ()  # another process has a server of its own
+
     def get(self, *modules: str) -> SpawnContext:
         """One for processes that need some modules, which the server imports before.
 
