@@ -34,32 +34,26 @@ _ENOUGH_BYTES = 4 << 30
 """Free space from which on temporary files go there: a run leaves a few hundred MB until it ends."""
 
 
-def _folder_in_memory() -> Path | None:
-    """A new folder for temporary files, of child processes too, where memory is plenty and nobody said where.
-
-    Tests write and remove files by the ten thousand, which costs several times as much in a file system of a disk.
-    Folders of runs that have ended go: those that failed leave theirs, to be looked at.
-    """
+def _has_memory() -> bool:
+    """Whether memory is plenty, programs may be started from it, and nobody said where temporary files go."""
     if "TMPDIR" in os.environ or not os.access(_MEMORY_DIR, os.W_OK):
-        return None
+        return False
     status = os.statvfs(_MEMORY_DIR)
-    if status.f_bavail * status.f_frsize < _ENOUGH_BYTES or status.f_flag & getattr(os, "ST_NOEXEC", 0):
-        return None
-    for old in _MEMORY_DIR.glob("branchdrive-tests-*"):
-        if not Path("/proc", old.name.split("-")[2]).exists():
-            shutil.rmtree(old, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=f"branchdrive-tests-{os.getpid()}-", dir=_MEMORY_DIR))
+    return status.f_bavail * status.f_frsize >= _ENOUGH_BYTES and not status.f_flag & getattr(os, "ST_NOEXEC", 0)
 
 
-_own_folder = _folder_in_memory()  # of the process that starts workers, which find it in the environment
+# Tests write and remove files by the ten thousand, which costs several times as much in a file system of a disk.
+# Folders of tests have short names there, and what processes that were killed leave lies in one that goes at the end.
+_own_folder = tempfile.mkdtemp(prefix="branchdrive-tests-", dir=_MEMORY_DIR) if _has_memory() else None
 if _own_folder is not None:
-    os.environ["TMPDIR"] = tempfile.tempdir = str(_own_folder)
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY_DIR))
+    os.environ["TMPDIR"] = tempfile.tempdir = _own_folder  # workers find it there, and have none of their own
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_sessionfinish(exitstatus: int) -> None:
-    """Temporary files of killed processes go with those of the tests."""
-    if _own_folder is not None and not exitstatus:
+def pytest_sessionfinish() -> None:
+    """Remove temporary files that no test removed."""
+    if _own_folder is not None:
         shutil.rmtree(_own_folder, ignore_errors=True)
 
 
