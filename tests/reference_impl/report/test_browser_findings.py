@@ -55,6 +55,13 @@ def test_the_example_of_a_finding_leads_to_its_place_in_the_player_and_back(brow
         assert visit.state("document.activeElement.closest('article').id") == "BD-VAL-002"
 
 
+def test_the_page_of_a_rule_is_open_where_a_link_leads_to_it(browser: Any, damaged_page: Page) -> None:
+    with visits(browser, damaged_page.path) as visit:
+        assert not visit.state("document.getElementById('page-BD-VAL-002').open")
+        visit.page.locator("#BD-VAL-002 a[href='#page-BD-VAL-002']").click()
+        visit.until("document.getElementById('page-BD-VAL-002').open")
+
+
 def test_the_way_back_from_the_page_of_a_rule_is_the_way_of_the_browser(browser: Any, damaged_page: Page) -> None:
     with visits(browser, damaged_page.path) as visit:
         visit.page.locator("#BD-VAL-002 a.play").first.click()

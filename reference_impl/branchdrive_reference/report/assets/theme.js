@@ -1,4 +1,4 @@
-// Light and dark: what the system asks for, until somebody chooses.
+// Light and dark: what the system asks for, until somebody chooses; and what is folded, until an address leads to it.
 
 const probe = document.createElement("span");
 probe.hidden = true;
@@ -36,3 +36,13 @@ for (const button of themeButtons) {
 }
 systemIsDark.addEventListener("change", themeChanged);
 themeChanged();
+
+function unfold() {
+  const target = document.getElementById(location.hash.slice(1));
+  if (target?.tagName === "DETAILS") {
+    target.open = true;
+    target.scrollIntoView();
+  }
+}
+addEventListener("hashchange", unfold);
+unfold();
