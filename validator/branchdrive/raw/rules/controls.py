@@ -131,6 +131,9 @@ absolute_actuators = rule("BD-CTL-006")(_follows_rule("absolute"))
 floor_actuators = rule("BD-CTL-007")(_follows_rule("floor"))
 
 
+_APPLIED = {actuator: f"applied_{actuator}" for actuator in ACTUATORS}
+
+
 def _applied_equals(view: ShardView, subjects: Mask, rows: Mask, demanded: str) -> Check:
     """``|applied - demanded| <= tolerance`` on marked rows, all three actuators; exact by default."""
     controls = view.controls
@@ -143,7 +146,17 @@ def _applied_equals(view: ShardView, subjects: Mask, rows: Mask, demanded: str) 
     def text(prefix: str) -> Callable[[int], str]:
         return lambda row: ", ".join(f"{a} {quote(controls[f'{prefix}_{a}'][row])}" for a in ACTUATORS)
 
-    return _at_rows(view, subjects, _with_rows(view, rows), bad & rows, text(demanded), text("applied"))
+    def found(row: int) -> str:
+        pairs = {
+            name: (float(controls[name][row]), float(controls[f"{demanded}_{actuator}"][row]))
+            for actuator, name in _APPLIED.items()
+        }
+        wrong = [name for name, (applied, command) in pairs.items() if not abs(applied - command) <= tolerance]
+        is_turned = all(pairs[name][0] == -pairs[name][1] for name in wrong)
+        said = "with the other sign" if is_turned else "differs" if len(wrong) == 1 else "differ"
+        return f"{text('applied')(row)}: {' and '.join(wrong)} {said}"
+
+    return _at_rows(view, subjects, _with_rows(view, rows), bad & rows, text(demanded), found)
 
 
 @rule("BD-CTL-008")
