@@ -101,7 +101,7 @@ def test_a_recommendation_is_a_note_and_costs_no_group(tmp_path: Path) -> None:
     filmed = with_media(DESCRIPTOR, MediaPlan((SMALL,)))
     report = collect_one(tmp_path / "d", plan_group(SEED, 1), descriptor=filmed)
     assert (report.num_simulated, report.unbranched_because, report.refused_because) == (ROLLOUTS, "", "")
-    assert report.note.startswith("BD-FRM-004 Other cameras than the surround views cover the window: ")
+    assert report.note.startswith("BD-FRM-004 Does not hold: Other cameras than the surround views cover the window: ")
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ def test_a_recommendation_on_images_is_a_note_and_costs_no_group(tmp_path: Path)
     report = bd.collect_dataset(tmp_path / "dataset", FILMED, {"Parked": StillRoad}, num_groups=1, num_replays=0)
     (group,) = report.groups
     assert (group.num_simulated, group.unbranched_because, group.refused_because) == (1 + NUM_FEW, "", "")
-    assert group.note.startswith("BD-FRM-010 Images follow the drive: ")
+    assert group.note.startswith("BD-FRM-010 Does not hold: Images follow the drive: ")
     verdict = bd.validate(tmp_path / "dataset")
     assert verdict.funnel is not None
     assert (verdict.verdict, verdict.funnel.qualified) == ("valid", 1)
