@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,14 @@ from branchdrive.cli.formats.table import renderer
 from branchdrive.cli.funnel import lost_groups
 from branchdrive.cli.text import render_report
 from branchdrive.contract.resources import load_resource
-from branchdrive.engine import judge, tally
+from branchdrive.contract.rule import CATALOGUE
+from branchdrive.contract.text import printable
+from branchdrive.engine import group_failures, judge, tally
 from branchdrive.engine.cause import Cause
+from branchdrive.engine.relation import _COMPARED, _COMPUTED, POSSIBLE
 from branchdrive.engine.report import Report
 from branchdrive.engine.response_table import response_doubt
+from branchdrive.engine.validate import validate
 
 
 def _attempts(draft: Draft, *group_ids: str) -> list[str]:
@@ -99,7 +104,7 @@ def test_the_cap_of_findings_weakens_no_reason(tmp_path: Path, monkeypatch: pyte
     whole = [group.reason for group in validate_once(root).groups or ()]
     for module in (judge, tally):
         monkeypatch.setattr(module, "MAX_FINDINGS_PER_RULE", 1)
-    capped = validate_once(root)
+    capped = validate(root)
     assert sum(f.rule == "BD-MOT-006" for f in capped.findings) == 1
     assert [group.reason for group in capped.groups or ()] == whole
     assert all(", in speed_mps: expected" in reason and "km/h" in reason for reason in whole[:2])
@@ -149,3 +154,30 @@ def test_a_valid_dataset_of_which_nothing_can_be_used_says_so(tmp_path: Path) ->
         assert "--require-groups N" in " ".join(text.split())
     assert caution.startswith("No branch group qualifies")
     assert cautions(validate_once(root, require_groups=1)) == []
+
+
+def test_groups_of_which_no_finding_is_kept_are_in_the_cause_of_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draft = new_draft()
+    _in_km_per_h(draft, "g0", "g1")
+    root = draft.write(tmp_path / "dataset")
+    monkeypatch.setattr(group_failures, "MAX_KEPT", 1)
+    cause = _cause(validate(root), "BD-MOT-006")
+    assert (cause.num_groups, cause.extents[0].groups) == (2, ("g0", "g1"))
+
+
+def test_findings_of_groups_with_names_that_are_long_when_printed_are_found(tmp_path: Path) -> None:
+    draft = new_draft()
+    _in_km_per_h(draft, "g0")
+    name = "\N{GREEK SMALL LETTER ALPHA}" * 60
+    draft.set("rollouts", "group_id", name, group_id="g0")
+    cause = _cause(validate_once(draft.write(tmp_path / "dataset"), ignore=["BD-VAL-004"]), "BD-MOT-006")
+    assert cause.first is not None and cause.first.group_id == cause.extents[0].groups[0] == printable(name)
+
+
+def test_no_rule_may_be_why_it_fails_itself() -> None:
+    own = {rule: {*POSSIBLE.get(rule, ()), *_COMPUTED.get(rule, ())} for rule in CATALOGUE}
+    TopologicalSorter({rule: causes | {*(_COMPARED.get(rule) or ())} for rule, causes in own.items()}).prepare()
+    # What follows from any rule explains none that a comparison follows from.
+    assert not {rule for rule, causes in _COMPARED.items() if causes is None} & set[str]().union(*own.values())

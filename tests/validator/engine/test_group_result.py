@@ -11,6 +11,7 @@ from tests.validator.engine import datasets
 
 from branchdrive.cli.formats.outcome import also_in, folded
 from branchdrive.cli.funnel import funnel_table
+from branchdrive.contract.mismatch import Location, Mismatch
 from branchdrive.contract.rule import CATALOGUE, cause_order
 from branchdrive.engine.finding import Finding
 from branchdrive.engine.group_result import GroupResult
@@ -58,8 +59,8 @@ def test_findings_on_rows_tell_the_reason_of_their_group(tmp_path: Path) -> None
 
 def test_a_group_that_repeats_another_is_said_to_whatever_it_lacks() -> None:
     outcome = GroupOutcome("g1", True, "eligibility", ("BD-TRG-001",))
-    copy = Finding("BD-RSP-015", {"group_id": "g1"}, 1, "ways that no other group has", "those of group 'g0'")
-    lacked = Finding("BD-TRG-001", {"rollout_id": "r"}, 1, "'r1'", "'r0'", of_group="g1")
+    copy = Finding("BD-RSP-015", {}, 1, "ways that no other group has", "those of group 'g0'", group_id="g1")
+    lacked = Finding("BD-TRG-001", {"rollout_id": "r"}, 1, "'r1'", "'r0'", group_id="g1")
     result = GroupResult.of(outcome, {("g1", "BD-RSP-015"): copy, ("g1", "BD-TRG-001"): lacked})
     assert result.reason == (
         "repeats another group, those of group 'g0'; does not hold: Trigger evidence comes from the rollout's nominal "
@@ -80,8 +81,8 @@ def test_a_jump_from_which_on_the_ego_does_not_fit_its_actors_is_explained(
     jump: tuple[int, int], first_other: int, said: str | None
 ) -> None:
     found = {
-        ("g1", "BD-MOT-001"): Finding("BD-MOT-001", {"tick": jump[0]}, jump[1], "a", "b", of_group="g1"),
-        ("g1", "BD-EVD-001"): Finding("BD-EVD-001", {"tick": first_other}, 60, "a", "b", of_group="g1"),
+        ("g1", "BD-MOT-001"): Finding("BD-MOT-001", {"tick": jump[0]}, jump[1], "a", "b", group_id="g1"),
+        ("g1", "BD-EVD-001"): Finding("BD-EVD-001", {"tick": first_other}, 60, "a", "b", group_id="g1"),
     }
     reason = GroupResult.of(GroupOutcome("g1", True, "integrity", ("BD-MOT-001", "BD-EVD-001")), found).reason
     assert reason.startswith(said or "does not hold: Displacements agree with speeds and headings")
@@ -111,7 +112,8 @@ def test_causes_stand_before_what_follows_from_them() -> None:
 
 def test_findings_that_say_the_same_are_told_once() -> None:
     def finding(group: str, rollout: str, column: str = "x_m", found: str = "1.5 m") -> Finding:
-        return Finding("BD-MOT-001", {"group_id": group, "rollout_id": rollout, "column": column}, 1, "0 m", found)
+        where: Location = {"group_id": group, "rollout_id": rollout, "column": column}
+        return Finding.of("BD-MOT-001", Mismatch(where, "0 m", found))
 
     found = [
         finding("g0", "r0"),
@@ -130,7 +132,7 @@ def test_findings_that_say_the_same_are_told_once() -> None:
 
 def test_groups_that_lack_the_same_are_told_once() -> None:
     found = [
-        Finding("BD-BNK-001", {"group_id": group}, 1, "all 13 policies", f"no complete attempt of {action}")
+        Finding.of("BD-BNK-001", Mismatch({"group_id": group}, "all 13 policies", f"no complete attempt of {action}"))
         for group, action in (("g0", "brake_1.00"), ("g1", "brake_0.30"), ("g2", "brake_1.00"), ("g3", "brake_1.00"))
     ]
     assert [(part[0], also_in(part)) for part in folded(found)] == [

@@ -20,6 +20,7 @@ from branchdrive.cli.formats.table import renderer
 from branchdrive.cli.text import render_report
 from branchdrive.engine import judge, tally
 from branchdrive.engine.report import Report
+from branchdrive.engine.validate import validate
 
 BRAKES, LACKS = "g2.brake_0.50.a1", "g1.accelerate_0.80.a1"
 EVIDENCE = ("BD-EVD-001", "BD-EVD-002", "BD-EVD-003")
@@ -161,5 +162,5 @@ def test_a_cause_of_which_no_finding_is_kept_says_what_its_group_tells(
     root = draft.write(tmp_path / "dataset")
     for module in (judge, tally):
         monkeypatch.setattr(module, "MAX_FINDINGS_PER_RULE", 1)
-    texts = [cause.found for cause in Outcome.of(validate_once(root), 5).causes if cause.info.id == "BD-MOT-006"]
+    texts = [cause.found for cause in Outcome.of(validate(root), 5).causes if cause.info.id == "BD-MOT-006"]
     assert any(text.startswith("g1, in vel_x_mps: expected ") and finding is None for ((text, finding),) in texts)

@@ -47,7 +47,7 @@ VALUES: dict[str, Any] = {
     "masked": MASKED,
     "masked text": np.ma.MaskedArray(TEXT, mask=[True, False, False], fill_value="?"),
     "fixed text": np.array(["ab", "c"]),
-    "finding": Finding("BD-VAL-001", {"file": "a", "tick": 3}, 2, "x", "y", of_group="g"),
+    "finding": Finding("BD-VAL-001", {"file": "a", "tick": 3}, 2, "x", "y", group_id="g"),
     "tally": Tally("BD-VAL-001", 3, 4, 1, [Finding("BD-VAL-001", {}, 1, "", "")], unjudged="no"),
     "mismatches": Mismatches(3, [Mismatch({"row": 3}, "a", "b")]),
     "funnel": Funnel(2, Counter({"bank": 1}), {"bank": Counter({"BD-BNK-001": 1})}, [GroupOutcome("g", rules=("r",))]),

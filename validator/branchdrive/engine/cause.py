@@ -198,7 +198,7 @@ class _Totals:
     num_shards: int = 0
     num_groups: int = 0
     num_attempts: int = 0
-    names: set[str] = field(default_factory=set)
+    names: set[str] = field(default_factory=set)  # of its groups those that kept findings of the rule are about
     together: set[str] | None = None
     groups_of: Counter[str] = field(default_factory=Counter)
     attempts_of: Counter[str] = field(default_factory=Counter)
@@ -237,6 +237,7 @@ class _Search:
 
     def __init__(self, failed: Mapping[str, Tally]) -> None:
         self._failed = failed
+        self._named = {rule_id: {one.group_id for one in tally.findings} for rule_id, tally in failed.items()}
         self._relation = DatasetCauses(failed)
         self.causes: dict[_Key, _Totals] = {}
         self.counted: Counter[str] = Counter()
@@ -251,6 +252,7 @@ class _Search:
                 found.setdefault(key, []).append((printable(outcome.group_id[:128]), number))
         for key, groups in found.items():
             _add_extent(self.causes[key], shard, groups)
+            self.causes[key].names.update(name for name, _ in groups if name in self._named[key[0]])
 
     def _add_group(self, outcome: GroupOutcome) -> dict[_Key, int]:
         """Add the rules that one group fails; its causes, each with the attempts that nothing explains."""
@@ -303,7 +305,6 @@ def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str,
     totals.num_shards += 1
     totals.num_groups += len(groups)
     totals.num_attempts += num_attempts
-    totals.names.update(name for name, _ in groups)
     if len(totals.extents) < MAX_SHARDS:
         first = tuple(name for name, _ in groups[:MAX_NAMED_GROUPS])
         sizes = len(groups), len(shard.funnel.outcomes), num_attempts, len(shard.rollout_ids)
@@ -311,7 +312,7 @@ def _add_extent(totals: _Totals, shard: ShardResult, groups: Sequence[tuple[str,
 
 
 def _cause(key: _Key, tally: Tally, totals: _Totals, num_shards: int, num_groups: int) -> Cause:
-    findings = [f for f in tally.findings if not f.follows and (not totals.names or f.group_id in totals.names)]
+    findings = [f for f in tally.findings if not f.follows and (not totals.num_groups or f.group_id in totals.names)]
     findings = [f for f in findings if key[1] in ("", f.location.get("table"))]
     firsts = {_kind_of_place(f): f for f in reversed(findings)}
     return Cause(

@@ -125,7 +125,7 @@ def examine(
 
 def _linked(finding: Finding, view: ShardView, roots: Sequence[Roots]) -> Finding:
     """A finding with the rules that may be why, as far as it is about an attempt."""
-    attempt = view.find_rollout(str(finding.location.get("rollout_id")))
+    attempt = view.find_rollout(str(finding.location.get("rollout_id", "")))
     follows = () if attempt is None else roots[attempt].get(finding.rule, ())
     return replace(finding, follows=follows) if follows else finding
 

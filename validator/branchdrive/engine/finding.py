@@ -32,7 +32,7 @@ class Finding:
         expected: What was expected there.
         found: What was found.
         waived: Whether a waiver covers it.
-        of_group: Its group where the location has it not.
+        group_id: The branch group that it is about, safe to print; ``None`` where it is about no single one.
         last_tick: The last tick of its items, of which the location has the first; ``None`` where it is not known.
         branch_tick: That of its attempt; ``None`` where there is none.
         follows: Rules that fail there too and may be why, first causes first; none where nothing explains it.
@@ -44,7 +44,7 @@ class Finding:
     expected: str
     found: str
     waived: bool = False
-    of_group: str | None = None
+    group_id: str | None = None
     last_tick: int | None = None
     branch_tick: int | None = None
     follows: tuple[str, ...] = ()
@@ -56,6 +56,7 @@ class Finding:
             key: value if isinstance(value, int) else printable(value[:500])[:500]
             for key, value in mismatch.location.items()
         }
+        group_id = mismatch.location.get("group_id", mismatch.group_id)
         expected, found = (printable(text[:300])[:300] for text in (mismatch.expected, mismatch.found))
         return cls(
             rule_id,
@@ -63,16 +64,10 @@ class Finding:
             mismatch.count,
             expected,
             found,
-            of_group=mismatch.group_id,
+            group_id=None if group_id is None else printable(str(group_id)[:128]),
             last_tick=mismatch.last_tick,
             branch_tick=mismatch.branch_tick,
         )
-
-    @property
-    def group_id(self) -> str | None:
-        """The branch group that it is about, safe to print; ``None`` where it is about no single one."""
-        named = self.location.get("group_id", self.of_group)
-        return None if named is None else printable(str(named)[:128])
 
     @property
     def kind(self) -> Kind:

@@ -101,16 +101,17 @@ class GroupFailures:
         explained: list[Counter[tuple[str, tuple[str, ...]]]] = [Counter() for _ in self._ids]
         for group, found in zip(self._group.tolist(), roots, strict=True):
             explained[group].update(found.items())
+        table_of: dict[str, str] = {}  # of a group beyond `MAX_KEPT` that of the last which is kept
         same: dict[object, Any] = {}  # most groups fail the same
         result = []
         for group, outcome in enumerate(outcomes):
             failed = [(rule, int(counts[group])) for rule, counts in counts_of.items() if counts[group]]
             failed += [(rule, 0) for rule, mask in self._groups.items() if mask[group]]
             follows = tuple((rule, causes, number) for (rule, causes), number in sorted(explained[group].items()))
-            firsts = ((rule, self._first.get((self._ids[group], rule))) for rule, _ in failed)
-            tables = tuple(
-                (rule, str(one.location["table"])) for rule, one in firsts if one and "table" in one.location
-            )
+            for rule, _ in failed:
+                if first := self._first.get((self._ids[group], rule)):
+                    table_of[rule] = str(first.location.get("table", ""))
+            tables = tuple((rule, table_of[rule]) for rule, _ in failed if table_of.get(rule))
             detail = hint = ""
             if outcome.rules and outcome.is_branched:
                 detail, hint = detail_of(outcome, self._first), hint_of(self._ids[group], self._first)

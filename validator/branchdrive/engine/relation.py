@@ -55,12 +55,12 @@ SIBLINGS = (_BOXES,)
 
 _COMPUTED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        **dict.fromkeys(_EVIDENCE, ("BD-WIN-005", "BD-BOX-002", "BD-ACT-001", "BD-ACT-003")),
+        **dict.fromkeys(_EVIDENCE, ("BD-WIN-005", "BD-ACT-001", "BD-ACT-003")),
         **dict.fromkeys(("BD-ACT-003", "BD-ACT-005", "BD-ACT-008"), ("BD-WIN-005",)),
         **dict.fromkeys(("BD-RTE-001", "BD-RTE-004", "BD-MAP-005", "BD-MAP-006", "BD-MAP-007"), ("BD-MOT-001",)),
     }
 )
-"""Rules on rows that a rule computes from at the same ticks: actors who lack, other bodies, a jump of the ego."""
+"""Rules on rows that a rule computes from at the same ticks: actors who lack or change, a jump of the ego."""
 
 _COMPARED: Mapping[str, tuple[str, ...] | None] = MappingProxyType(
     {"BD-RPN-001": None, "BD-RPN-003": None, "BD-CTL-010": ("BD-CTL-009",)}
@@ -154,18 +154,17 @@ def _with_most(view: ShardView, failed: Mask) -> Mask:
 
 
 def _covers(cause: Failed, effect: Failed) -> Mask:
-    """Attempts in which rows that fail the cause are at all ticks of the effect, or the one before, if these are known.
+    """Attempts in which rows that fail the cause are at all ticks of the effect, or the one before.
 
     What is said of tracks and rates compares an observation with the one before.
     """
     covers = cause.attempts.copy()
     for stretch in effect.stretches:
-        known = stretch.is_there & (stretch.first != Stretch.UNKNOWN)
-        inside = ~known
+        inside = ~stretch.is_there
         for other in cause.stretches:
             is_in = (other.first <= stretch.first) & (stretch.last <= other.last + OBSERVATION_STRIDE_TICKS)
-            inside |= other.is_there & (is_in | (other.first == Stretch.UNKNOWN))
-        covers &= inside | (not cause.stretches)
+            inside |= other.is_there & is_in
+        covers &= inside
     return covers
 
 

@@ -103,7 +103,7 @@ class GroupOutcome:
             groups; attempts that stand for no candidate count too.
         follows: Rules that other rules may be why attempts of it fail, each with those that nothing explains in turn,
             and how many attempts that are.
-        tables: Tables that the first finding of rules in it is in, of those of which it is kept.
+        tables: Tables that the first finding of rules in it is in, or in another group where it is not kept.
         detail: What was expected and found where it first fails the first of `rules`, in words; empty if unknown.
         hint: What findings of several rules together say of it, in words; empty where they say nothing.
     """

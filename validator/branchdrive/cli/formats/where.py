@@ -7,10 +7,7 @@ import re
 from branchdrive.contract.timing import OBSERVATION_STRIDE_TICKS, TICK_S
 from branchdrive.engine.finding import Finding
 
-__all__ = ["extent_text", "further_text", "place_text", "with_short_digests"]
-
-_OF_QUANTITIES = ("BD-MOT-006",)
-"""Rules on attempts as a whole: what a finding of them counts is no places, and it names them."""
+__all__ = ["further_text", "place_text", "with_short_digests"]
 
 _DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{56}\b")
 
@@ -20,10 +17,10 @@ def place_text(finding: Finding) -> str:
     about = finding.location
     who = about.get("rollout_id") or finding.group_id or about.get("file", "")
     what = ".".join(str(about[part]) for part in ("table", "column") if part in about)
-    return ", ".join(filter(None, (str(who), what, str(about.get("pointer", "")), extent_text(finding))))
+    return ", ".join(filter(None, (str(who), what, str(about.get("pointer", "")), _extent_text(finding))))
 
 
-def extent_text(finding: Finding) -> str:
+def _extent_text(finding: Finding) -> str:
     """Ticks of what a finding stands for, how many places that are, and seconds to the branch; empty if all unknown."""
     first, last, count = finding.location.get("tick"), finding.last_tick, finding.count
     if not isinstance(first, int):
@@ -49,7 +46,7 @@ def further_text(finding: Finding) -> str:
 
 
 def _num_places(finding: Finding) -> str:
-    return f"{finding.count:,} places" if finding.count > 1 and finding.rule not in _OF_QUANTITIES else ""
+    return f"{finding.count:,} places" if finding.count > 1 else ""
 
 
 def _spacing(first: int, last: int, finding: Finding) -> str:

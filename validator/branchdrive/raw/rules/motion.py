@@ -157,7 +157,7 @@ def attempts_have_sign_unit_and_clock(view: ShardView, subjects: Mask) -> Iterat
         found = ", ".join(filter(None, (f"{value:.3g}", meaning, _STRETCHES[part])))
         if others := "; ".join(QUANTITIES[name].text for name in names[1:]):
             found += f"; wrong too: {others}"
-        return Mismatch(place, expected, found, len(names))
+        return Mismatch(place, expected, found)
 
     yield Check.of_subjects(subjects & compared, subjects & bad, describe)
 
