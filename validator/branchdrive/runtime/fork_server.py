@@ -165,7 +165,7 @@ def _serve(requests: socket.socket) -> None:
             requests.close()
             _work(*passed)
         _close(*passed)
-    requests.close()  # who asks is told, whatever its request was
+    requests.close()  # who asks then finds no server, whatever its request was
     with suppress(ChildProcessError):
         while True:
             os.wait()

@@ -106,7 +106,7 @@ def spawn_context() -> SpawnContext:
 
 @contextmanager
 def array_context(*modules: str) -> Iterator[SpawnContext]:
-    """Context for processes that compute with arrays, in which alone they are; see `ArrayContexts.get`."""
+    """Context for processes that compute with arrays, whose server ends with it; see `ArrayContexts.get`."""
     contexts = ArrayContexts()
     try:
         yield contexts.get(*modules)
