@@ -155,8 +155,10 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
         )
 
 
-def _miscounted(rows: NDArray[np.int64], recorded: NDArray[np.int64], row: int) -> tuple[str, str]:
-    return f"{rows[row]}, the number of rows", quote(recorded[row])
+def _miscounted(stream: StreamView, recorded: NDArray[np.int64], row: int) -> tuple[str, str]:
+    num_rows, stop = int(stream.stop[row] - stream.start[row]), int(stream.stop[row])
+    last = f", the last at tick {stream.tick[stop - 1]}" if num_rows else ""
+    return f"{num_rows}, the number of rows{last}", quote(recorded[row])
 
 
 @rule("BD-KEY-007")
@@ -164,15 +166,9 @@ def row_counts_match(view: ShardView) -> Iterator[Check]:
     """``num_ticks`` and ``num_observations`` are the rows that the streams hold."""
     for column, name in (("num_ticks", "controls"), ("num_observations", "observations")):
         stream = view.stream(name)
-        rows = stream.stop - stream.start
         recorded = view.rollouts[column]
-        yield Check.of_rows(
-            "rollouts",
-            column,
-            view.num_rollouts,
-            np.flatnonzero(rows != recorded),
-            partial(_miscounted, rows, recorded),
-        )
+        bad = np.flatnonzero(stream.stop - stream.start != recorded)
+        yield Check.of_rows("rollouts", column, view.num_rollouts, bad, partial(_miscounted, stream, recorded))
 
 
 @rule("BD-KEY-008")
