@@ -66,8 +66,8 @@ class Fault(NamedTuple):
     spots: Sequence[Spot]
 
     def to_json(self) -> dict[str, Any]:
-        """As the player reads it: what is said of spots stands once, -1 of a spot that says more than there is room."""
-        said = [_said(spot.finding) for spot in self.spots]
+        """As the player reads it: what is said of spots, after its column, stands once; -1 where there is no room."""
+        said = [(_column(spot.finding), _said(spot.finding)) for spot in self.spots]
         texts = [*dict.fromkeys(said)][:_MOST_TEXTS]
         spots = [
             [
@@ -81,7 +81,7 @@ class Fault(NamedTuple):
             "extent": self.extent,
             "causes": list(self.causes),
             "futures": list(self.futures),
-            "texts": texts,
+            "texts": [list(text) for text in texts],
             "spots": spots,
         }
 
@@ -205,8 +205,12 @@ def _words(action_key: str) -> str:
     return label(action_key).replace("_", " ")
 
 
+def _column(finding: Finding) -> str:
+    """Which column or table a finding is about, in words; empty where it is about none."""
+    return " of ".join(label(str(finding.location[part])) for part in ("column", "table") if part in finding.location)
+
+
 def _said(finding: Finding) -> str:
     """What a finding says, without the place."""
-    where = " of ".join(label(str(finding.location[part])) for part in ("column", "table") if part in finding.location)
     (said,) = brief(f"expected {finding.expected}, found {finding.found}")
-    return f"{where}: {said}" if where else said
+    return said

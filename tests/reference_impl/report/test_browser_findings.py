@@ -127,6 +127,9 @@ def test_a_speed_that_a_finding_doubts_stands_beside_that_of_the_positions(brows
         said = visit.page.locator("#chart-speed figcaption").text_content()
         assert "30.0 m/s, of the positions " in said
         assert "of the positions 30.0" not in said
+        gap, speed = visit.page.locator("#outcomes tr").first.locator("td").all_text_contents()[:2]
+        assert speed == "30.0in doubt"
+        assert "in doubt" not in gap
 
 
 def test_groups_with_findings_are_filtered(browser: Any, damaged_page: Page) -> None:

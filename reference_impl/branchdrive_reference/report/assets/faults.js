@@ -4,10 +4,11 @@
 function decodedFaults(group) {
   return group.faults.map((fault) => {
     const [title, level] = shared.rules[fault.rule];
+    const texts = fault.texts.map((parts) => joined(parts, ": "));
     const spots = fault.spots.map(([future, tick, actor, attempt, count, text], number) => ({
-      rule: fault.rule, number, future, tick, actor, attempt, count, text: fault.texts[text] ?? "",
+      rule: fault.rule, number, future, tick, actor, attempt, count, text: texts[text] ?? "", column: fault.texts[text]?.[0],
     }));
-    return { ...fault, title, level, spots };
+    return { ...fault, title, level, texts, spots };
   });
 }
 
@@ -55,6 +56,11 @@ function spotText(spot, group) {
 /** Spots of some futures, those that can be gone to. */
 function spotsOf(group, futures) {
   return group.spots.filter((spot) => futures.includes(group.futures[spot.future]));
+}
+
+/** Whether a finding on some futures is about a column, such as "speed_mps of observations". */
+function isDoubted(group, futures, column) {
+  return spotsOf(group, futures).some((spot) => spot.column === column);
 }
 
 /** How many rules a candidate fails, as far as it is known. */

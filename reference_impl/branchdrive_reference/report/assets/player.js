@@ -111,6 +111,9 @@ function stateText(future, tick) {
   return `${numberText(valueAt(future.tick, future.speed, tick), 1, " m/s")}`;
 }
 
+const SPEED = "speed_mps of observations";
+const GAP = "separation_m of evidence";
+
 function drawCharts(chosen, shown, tick, spots) {
   const isAll = player.mode === "all";
   const nominal = player.group.futures[0];
@@ -123,10 +126,10 @@ function drawCharts(chosen, shown, tick, spots) {
     contacts: chosen.includes(future) ? contactRows(future) : [],
   }));
   const marks = spots.filter((spot) => spot.tick !== null && isInTime(spot.tick)).map((spot) => ({ tick: spot.tick, isChosen: spot === player.spot }));
-  const isDoubted = spotsOf(player.group, main).some((spot) => spot.text.startsWith("speed_mps of observations"));
+  const hasDoubts = isDoubted(player.group, main, SPEED);
   const way = wayOf(main[0]);
-  const drawnWay = isDoubted ? [{ ...way, colour: ink("fault"), dash: [2, 2], width: 1.6 }] : [];
-  byId("speed-title").textContent = `Speed, m/s${isDoubted ? "; of the positions dotted" : ""}`;
+  const drawnWay = hasDoubts ? [{ ...way, colour: ink("fault"), dash: [2, 2], width: 1.6 }] : [];
+  byId("speed-title").textContent = `Speed, m/s${hasDoubts ? "; of the positions dotted" : ""}`;
   charts[0].draw([...lines("speed"), ...drawnWay], null, tick, marks);
   charts[1].draw(lines("gap"), null, tick, marks);
   // The second is drawn thin over the first, so that both are seen where they are alike.
@@ -140,7 +143,7 @@ function drawCharts(chosen, shown, tick, spots) {
     [-1.05, 1.05], tick, marks,
   );
   const said = (name, digits, unit) => main.map((future) => numberText(valueAt(future.tick, future[name], tick), digits, unit)).join(" · ");
-  const wayText = isDoubted ? `, of the positions ${numberText(valueAt(way.tick, way.values, tick), 1, " m/s")}` : "";
+  const wayText = hasDoubts ? `, of the positions ${numberText(valueAt(way.tick, way.values, tick), 1, " m/s")}` : "";
   charts[0].output.textContent = said("speed", 1, " m/s") + wayText;
   charts[1].output.textContent = said("gap", 1, " m");
   const commandText = (future) => future.commands.map((values) => numberText(valueAt(future.commandTick, values, tick), 2, "")).join(" / ");
@@ -252,9 +255,14 @@ function fillOutcomes() {
       class: touch === undefined ? "number" : "number touches",
     });
     if (at !== null) touched.append(made("small", `tick ${future.branch + at}`));
+    const value = (text, column) => {
+      const cell = made("td", text, { class: "number" });
+      if (isDoubted(player.group, [future], column)) cell.append(made("small", "in doubt"));
+      return cell;
+    };
     row.append(
-      name, made("td", Number.isFinite(least) ? least.toFixed(1) : "–", { class: "number" }),
-      made("td", ahead.length ? numberText(future.speed[ahead.at(-1)], 1, "") : "–", { class: "number" }),
+      name, value(Number.isFinite(least) ? least.toFixed(1) : "–", GAP),
+      value(ahead.length ? numberText(future.speed[ahead.at(-1)], 1, "") : "–", SPEED),
       touched,
     );
     if (player.group.faults.length) row.append(made("td", numFaults(player.group, place) || "–", { class: "number" }));
