@@ -31,6 +31,9 @@ with way as (
     union all
     select run, 'lateral', 'observations', 'accel_lateral_mps2', sum(a_lat * v * q / 0.25) / sum(pow(v * q / 0.25, 2)), 0.5, 2
     from way where abs(v * q / 0.25) >= 0.5 group by run having count(*) >= 4
+    union all
+    select run, 'yaw rate', 'observations', 'yaw_rate_radps', sum(w * q / 0.25) / sum(pow(q / 0.25, 2)), 0.6, 1.6
+    from way where abs(q / 0.25) >= 0.05 group by run having count(*) >= 4
 ), two as (  -- steps from observation 0 to 1 and from 1 to 2
     select b.run, b.v, b.a_long, b.a_lat, a.v as v_1, a.rate as rate_1, b.v * b.rate as push, a.v * a.rate as push_1,
         a.s / 0.25 as way_1, b.s / 0.25 as way, a.q / 0.25 as turn_1, b.q / 0.25 as turn,
@@ -62,16 +65,15 @@ with way as (
 select * from ratio
 union all
 select l.run, 'lead of ' || l."column", l."table", l."column",
-    (by_change / if(of_ratio is null, 1, value) - mixed) / changes,
+    (by_change / if(of_ratio is null, 1, ratio.value) - mixed) / changes,
     if(l."column" like 'accel%', 0.25, -0.55), if(l."column" like 'accel%', 'inf'::double, 0.55)
-from lead l left join ratio on ratio.run = l.run and quantity = of_ratio
-where of_ratio is null or value <> 0
+from lead l left join ratio on ratio.run = l.run and ratio.quantity = of_ratio
+left join ratio y on y.run = l.run and y.quantity = 'yaw rate'
+where (of_ratio is null or ratio.value <> 0)
+    and (l."column" not in ('yaw_rate_radps', 'accel_lateral_mps2') or y.value between 0.25 and 4)
 union all
 select run, 'step', 'observations', 'x_m', sum(abs(r - s)) / sum(s), 0, 0.05
 from way where s >= 0.5 group by run having count(*) >= 4
-union all
-select run, 'yaw rate', 'observations', 'yaw_rate_radps', sum(w * q / 0.25) / sum(pow(q / 0.25, 2)), 0.6, 1.6
-from way where abs(q / 0.25) >= 0.05 group by run having count(*) >= 4
 union all
 select run, 'heading', 'observations', 'yaw_rad', degrees(atan2(
     sum(sign(v_0 + v) * (cos(heading) * dy - sin(heading) * dx)),

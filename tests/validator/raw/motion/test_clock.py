@@ -83,6 +83,14 @@ def test_another_unit_or_sign_is_no_lead(column: str, unit: float, name: str, ex
     np.testing.assert_allclose(_leads(_serpentine(column, 0.0, unit), name), expected, atol=0.06)
 
 
+@pytest.mark.parametrize("unit", [180.0 / np.pi, -1.0, 0.2])
+def test_yaw_rates_of_another_unit_or_sign_have_no_lead_and_give_none(unit: float) -> None:
+    values = calibration(view_of(_serpentine("yaw_rate_radps", 0.0, unit)))
+    np.testing.assert_allclose(values["yaw_rate"][np.isfinite(values["yaw_rate"])], unit, rtol=0.1)
+    assert np.isnan(values["yaw_rate_lead"]).all()
+    assert np.isnan(values["lateral_lead"]).all()
+
+
 @pytest.mark.parametrize(("late", "expected"), [(0.0, 1.0), (1.0, 0.0)])
 def test_longitudinal_accelerations_are_of_the_end_of_their_step(late: float, expected: float) -> None:
     tables = _serpentine("accel_longitudinal_mps2", late)

@@ -35,9 +35,9 @@ from branchdrive.contract.mismatch import Mask
 from branchdrive.contract.timing import HISTORY_OFFSETS, OBSERVATION_STRIDE_TICKS
 from branchdrive.driving.angle import wrap_rad
 from branchdrive.raw.copies import Copies
-from branchdrive.raw.motion.clock import LEADS, lead, leads_of_actors, leads_of_ego
+from branchdrive.raw.motion.clock import LEADS, OF_YAW_RATES, lead, leads_of_actors, leads_of_ego
 from branchdrive.raw.motion.contact import is_free
-from branchdrive.raw.motion.quantity import wrong_of_one
+from branchdrive.raw.motion.quantity import is_right_of_one, wrong_of_one
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.motion.terms import Steps, Terms
 from branchdrive.raw.motion.tracks import actor_steps
@@ -154,8 +154,14 @@ def _steps_between(counts: Mask) -> Mask:
 
 
 def _ratio(name: str, values: dict[str, Array]) -> Array | float:
-    """Ratio of recorded values to those of the positions that a lead is measured with, of values that are known."""
-    return values.get(LEADS.get(name, ""), 1.0)
+    """Ratio of recorded values to those of the positions that a lead is measured with, of values that are known.
+
+    NaN where yaw rates that a lead is about have another unit or sign.
+    """
+    ratio = values.get(LEADS.get(name, ""), 1.0)
+    if name not in OF_YAW_RATES:
+        return ratio
+    return np.where(is_right_of_one("yaw_rate", values["yaw_rate"]), ratio, np.nan)
 
 
 def _values_of(view: ShardView, terms: dict[str, Terms], counts: Mask | None = None) -> dict[str, Array]:

@@ -3,7 +3,8 @@
 A recorded rate ``r`` is held against two values ``c_0`` and ``c_1`` that its neighbours make of it, with their mean
 ``m`` and the change ``d = c_1 - c_0``. The lead of an attempt is ``sum((r / k - m) d) / sum(d d)``, where ``k`` is the
 value of the rate in `branchdrive.raw.motion.calibration`, so that a wrong unit or sign is no lead, and 1 of the yaw
-rate, which says less of sharp turns. With the steps 1 and 2 from observation 0 to 1 and from 1 to 2::
+rate, which says less of sharp turns: it has no lead, nor has what is held against it, where its value is right of no
+attempt. With the steps 1 and 2 from observation 0 to 1 and from 1 to 2::
 
     quantity                         r           c of a step, or at its end
     speed, velocities of vehicles    v at 1      displacement / dt
@@ -32,7 +33,7 @@ from branchdrive.raw.motion.terms import Terms
 from branchdrive.raw.motion.tracks import actor_steps
 from branchdrive.raw.shard_view import ShardView
 
-__all__ = ["LEADS", "lead", "leads_of_actors", "leads_of_ego"]
+__all__ = ["LEADS", "OF_YAW_RATES", "lead", "leads_of_actors", "leads_of_ego"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -45,6 +46,9 @@ LEADS = {
     "actor_lead": "actor_speed",
 }
 """Quantities that are leads, and the one that is their ratio of recorded values to those of the positions, if any."""
+
+OF_YAW_RATES = ("yaw_rate_lead", "lateral_lead")
+"""Leads of recorded yaw rates, and of what is held against them."""
 
 MIN_CHANGE_MPS, MIN_CHANGE_RADPS, MIN_CHANGE_MPS2 = 0.125, 0.05, 0.5
 """Changes from step to step below which a rate is as right an observation later."""
