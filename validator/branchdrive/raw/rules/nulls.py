@@ -88,13 +88,19 @@ def rollout_columns_follow_conditions(view: ShardView) -> Iterator[Check]:
     """Conditional columns of an attempt are there exactly where their condition holds."""
     table = view.rollouts
     conditions = {
-        "branched": view.branched,
-        "not_complete": ~view.complete,
-        "not_nominal": ~view.role("nominal"),
+        "branched": (view.branched, "branch_tick"),
+        "not_complete": (~view.complete, "status"),
+        "not_nominal": (~view.role("nominal"), "role"),
     }
     for _, column, available in _nullable(view, lambda a: a.when in conditions):
-        is_on = conditions[str(available.when)]
-        yield _presence(table, column, is_on, _switch(f"condition `{available.when}`", is_on))
+        is_on, decisive = conditions[str(available.when)]
+        switch = _switch(f"condition `{available.when}`", is_on)
+
+        def because(row: int, switch: Callable[[int], str] = switch, name: str = decisive) -> str:
+            found = quote(table[name][row]) if table.valid(name)[row] else "null"
+            return f"{switch(row)}, as `{name}` is {found}"
+
+        yield _presence(table, column, is_on, because)
     for _, column, available in _nullable(view, lambda a: a.when == "valued"):
         name = str(available.rule)
         carries = table.equals(name, "absolute") | table.equals(name, "floor")
