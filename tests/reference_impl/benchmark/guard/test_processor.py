@@ -22,7 +22,7 @@ module = pytest.importorskip("branchdrive_reference.benchmark.guard.fit")
 
 TRAINING = banks(40, seed=5)
 SCALE = fit_scale(TRAINING.outcomes)
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 
 
 def hard_fit() -> dict[str, Any]:
