@@ -20,7 +20,8 @@ from tests.validator.engine.test_report import HOSTILE, SITUATIONS
 
 from branchdrive.cli.formats.outcome import folded, headline
 from branchdrive.cli.formats.table import renderer
-from branchdrive.cli.text import FINDINGS_SHOWN, render, render_report, render_rule, render_rules
+from branchdrive.cli.rules_text import render_rule, render_rules
+from branchdrive.cli.text import FINDINGS_SHOWN, render, render_report
 from branchdrive.contract.rule import CATALOGUE
 from branchdrive.contract.text import counted
 from branchdrive.engine.report import Report

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, stdout: TextIO, stderr: TextIO) -> int:
     """Print the list or the rule."""
-    from branchdrive.cli.text import render_rule, render_rules
+    from branchdrive.cli.rules_text import render_rule, render_rules
     from branchdrive.contract.rule import CATALOGUE
 
     wanted = (args.id or "BD").upper()

@@ -1,15 +1,14 @@
-"""Reports and rules as text for people."""
+"""Reports as text for people."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from io import StringIO
 from typing import TYPE_CHECKING, Any, TextIO, get_args
 
 from rich.console import Console
-from rich.markdown import Markdown
 from rich.padding import Padding
 from rich.text import Text
 
@@ -35,8 +34,7 @@ from branchdrive.cli.population import (
     print_retention,
 )
 from branchdrive.contract.layout import FILTERING_FILE
-from branchdrive.contract.resources import rule_page_text
-from branchdrive.contract.rule import AREAS, CATALOGUE, RuleInfo, cause_order
+from branchdrive.contract.rule import RuleInfo, cause_order
 from branchdrive.contract.text import counted, printable, size_text
 from branchdrive.engine.finding import location_text
 from branchdrive.engine.report import FUNNEL_BASIS, POPULATION_BASIS, Report
@@ -45,13 +43,13 @@ from branchdrive.engine.response_table import response_doubt, response_table
 from branchdrive.engine.tally import MAX_FINDINGS_PER_RULE, RuleStatus, Tally
 from branchdrive.engine.verdict import is_waived
 from branchdrive.text.brief import brief
-from branchdrive.text.terminal import print_facts, print_section
+from branchdrive.text.terminal import print_section
 from branchdrive.text.terminal import render as drawn
 
 if TYPE_CHECKING:
     from branchdrive.release.builder import BuildReport
 
-__all__ = ["render", "render_build", "render_report", "render_rule", "render_rules"]
+__all__ = ["render", "render_build", "render_report"]
 
 CAUSES_SHOWN = 10
 FINDINGS_SHOWN = 5
@@ -274,42 +272,6 @@ def _print_verdict(console: Console, report: Report) -> None:
         console.print(Text(refusal, style="bold red"))
     for caution in cautions(report):
         console.print(Text(caution, style="bold yellow"))
-
-
-def render_rules(rules: Sequence[RuleInfo], stdout: TextIO) -> str:
-    """Rules as a list, by area."""
-    return drawn(partial(_print_rule_list, rules=rules), stdout)
-
-
-def _print_rule_list(console: Console, rules: Sequence[RuleInfo]) -> None:
-    area = None
-    for info in rules:
-        if info.id[3:6] != area:
-            area = info.id[3:6]
-            console.print(Text(AREAS[area], style="bold"))
-        line = Text.assemble("  ", (info.id, "cyan"), f"  {info.kind:<13}  {info.title}")
-        console.print(line, soft_wrap=True)
-
-
-def render_rule(info: RuleInfo, stdout: TextIO) -> str:
-    """One rule in full."""
-    return drawn(partial(_print_rule, info=info), stdout)
-
-
-def _print_rule(console: Console, info: RuleInfo) -> None:
-    console.print(Text.assemble((info.id, "bold cyan"), f"  {info.title}"))
-    facts = {
-        "kind": info.kind + (f", costs a group the stage `{info.stage}`" if info.stage else ""),
-        "level": info.level,
-        "counted by": info.grain,
-        "clause": info.clause,
-        "only if claimed": ", ".join(info.streams),
-        "after": ", ".join(f"{r} ({CATALOGUE[r].title})" for r in info.requires),
-        "page": info.url or "",
-    }
-    print_facts(console, [fact for fact in facts.items() if fact[1]])
-    console.print()
-    console.print(Markdown(rule_page_text(info.id)))
 
 
 def _print_response(console: Console, response: ResponseSummary, doubt: str) -> None:
