@@ -1,15 +1,15 @@
 """Validation against its floor: reading, hashing and decoding the same bytes with as many workers.
 
 A gross ratio is that of whole times. Start-up of a raw layer is measured by itself, as what both take on as many groups
-as there are workers, and its net ratio is that of what is above. What takes less than start-up does is run in this
-process instead, once before it is timed: a difference of times that are nearly equal would say nothing.
+as there are workers, and its net ratio is that of what is above. What takes less than start-up does is run in one
+worker instead, once before it is timed: a difference of times that are nearly equal would say nothing.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
@@ -27,7 +27,7 @@ from branchdrive.errors import BranchDriveError
 from branchdrive.runtime.executor import Executor, in_process, isolated
 from branchdrive_reference.collect.campaign import collect
 
-__all__ = ["ValidationTiming", "rows", "time_validation"]
+__all__ = ["ValidationTiming", "rows", "time_validation", "time_warm"]
 
 _SEED = 7
 _COLLECTED_GROUPS = 32
@@ -66,23 +66,37 @@ class ValidationTiming:
         return ValidationTiming(self.jobs, floor, validation, self.num_control_rows - start_up.num_control_rows)
 
 
-def time_validation(root: Path, *, jobs: int, repeats: int = 3, is_warm: bool = False) -> ValidationTiming:
+def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTiming:
     """Time validation and floor in turn, so that both see the same machine.
-
-    Args:
-        root: The dataset.
-        jobs: Worker processes, of which none is started where nothing is to be in but the work itself.
-        repeats: Repeats of both.
-        is_warm: Whether both run in this process, in which they ran before.
 
     Raises:
         BranchDriveError: The dataset is not valid, so its timing would mean nothing.
     """
+    return _timed(root, lambda: isolated(jobs), jobs, repeats)
+
+
+def time_warm(root: Path, *, repeats: int = 3) -> ValidationTiming:
+    """Time both in one worker that ran both before.
+
+    Raises:
+        BranchDriveError: The dataset is not valid, so its timing would mean nothing.
+    """
+    ((_, timing),) = isolated(1)(_warm, [(root, repeats)])
+    if not isinstance(timing, ValidationTiming):
+        raise BranchDriveError(f"a validation could not be timed: {timing}")
+    return timing
+
+
+def _warm(task: tuple[Path, int]) -> ValidationTiming:
+    root, repeats = task
+    _timed(root, lambda: in_process, 1, 1)
+    return _timed(root, lambda: in_process, 1, repeats)
+
+
+def _timed(root: Path, executor: Callable[[], Executor], jobs: int, repeats: int) -> ValidationTiming:
+    """Timing with an executor of its own for each validation and each floor."""
     folders = layer_folders(root)
     num_rows = 0
-
-    def executor() -> Executor:
-        return in_process if is_warm else isolated(jobs)  # whose processes are started each time
 
     def floor() -> None:
         nonlocal num_rows
@@ -97,9 +111,6 @@ def time_validation(root: Path, *, jobs: int, repeats: int = 3, is_warm: bool = 
             raise BranchDriveError(f"the benchmark's dataset is {report.verdict}")
 
     floor_costs, validation_costs = [], []
-    if is_warm:
-        floor()
-        whole()
     for _ in range(repeats):
         floor_costs.append(cost_of(floor))
         validation_costs.append(cost_of(whole))
@@ -157,8 +168,7 @@ def _whole(
 def _small_rows(what: str, root: Path, repeats: int, *, net: str) -> Iterator[Row]:
     """Ratios of what takes no longer than start-up."""
     yield _ratio_row(f"{what}, 1 worker\ngross", time_validation(root, jobs=1, repeats=repeats), "")
-    warm = time_validation(root, jobs=1, repeats=repeats, is_warm=True)
-    yield _ratio_row(f"{what}\nin a warm process", warm, net)
+    yield _ratio_row(f"{what}\nin a warm worker", time_warm(root, repeats=repeats), net)
 
 
 def _ratio_row(what: str, timing: ValidationTiming, bar: str) -> Row:

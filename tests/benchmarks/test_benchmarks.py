@@ -169,7 +169,7 @@ def test_validation_is_measured_with_its_start_up_growth_memory_and_layers(
                 ("release", "<= 6x"),
                 ("release with a benchmark", "<= 8x"),
             )
-            for name in (", 1 worker\ngross", "\nin a warm process")
+            for name in (", 1 worker\ngross", "\nin a warm worker")
         },
     }
     assert all(re.fullmatch(RATIO, row.measured) for row in rows if over in row.what)
