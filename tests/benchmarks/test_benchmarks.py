@@ -19,12 +19,14 @@ from benchmarks.cost import Cost, cost_of
 from benchmarks.floor import read_folder
 from benchmarks.memory import Measured, peak_bytes, process_tree, reset_peak, run_measured
 from benchmarks.release import ReleaseBench
+from benchmarks.row import Row
 from benchmarks.simulator import measure_ticks_per_s
 from tests.content_cache import kept_folder
 from tests.reference_impl.benchmark.small_release import invoke, make_release, smallest_protocol, write_protocol
 from tests.reference_impl.collect.kept_collection import kept_collection
 from tests.sampling import THOROUGH, sampled
 
+from benchmarks import __main__ as bench
 from benchmarks import benchmark, highway_env, paper, places, ranking, release, validation
 from branchdrive.benchmark.protocol.protocol import default_protocol
 from branchdrive.cli.main import run
@@ -173,6 +175,15 @@ def test_validation_is_measured_with_its_start_up_growth_memory_and_layers(
         },
     }
     assert all(re.fullmatch(RATIO, row.measured) for row in rows if over in row.what)
+
+
+def test_figures_are_printed_as_they_are(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [Row("workers", "pip install '.[ray]'", "[1]")]
+    monkeypatch.setattr(bench, "_measurements", lambda *_: {"a [red] part": iter(rows)})
+    monkeypatch.setattr(sys, "argv", ["benchmarks"])
+    bench.main()
+    said = capsys.readouterr().out
+    assert all(text in said for text in ("a [red] part", "pip install '.[ray]'", "[1]"))
 
 
 @THOROUGH
