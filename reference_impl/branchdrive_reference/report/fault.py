@@ -66,22 +66,24 @@ class Fault(NamedTuple):
     spots: Sequence[Spot]
 
     def to_json(self) -> dict[str, Any]:
-        """As the player reads it: what is said of spots, after its column, stands once; -1 where there is no room."""
-        said = [(_column(spot.finding), _said(spot.finding)) for spot in self.spots]
-        texts = [*dict.fromkeys(said)][:_MOST_TEXTS]
+        """As the player reads it: what is said of spots stands once, -1 of a spot that says more than there is room."""
+        said = [_said(spot.finding) for spot in self.spots]
+        texts, about = [*dict.fromkeys(said)][:_MOST_TEXTS], [_column(spot.finding) for spot in self.spots]
+        columns = [*dict.fromkeys(about)]
         spots = [
             [
                 spot.future, spot.tick, spot.actor_id, spot.attempt, spot.finding.count,
-                texts.index(text) if text in texts else -1,
+                texts.index(text) if text in texts else -1, columns.index(column),
             ]
-            for spot, text in zip(self.spots, said, strict=True)
+            for spot, text, column in zip(self.spots, said, about, strict=True)
         ]  # fmt: skip
         return {
             "rule": self.info.id,
             "extent": self.extent,
             "causes": list(self.causes),
             "futures": list(self.futures),
-            "texts": [list(text) for text in texts],
+            "texts": texts,
+            "columns": columns,
             "spots": spots,
         }
 
@@ -212,5 +214,6 @@ def _column(finding: Finding) -> str:
 
 def _said(finding: Finding) -> str:
     """What a finding says, without the place."""
+    where = _column(finding)
     (said,) = brief(f"expected {finding.expected}, found {finding.found}")
-    return said
+    return f"{where}: {said}" if where else said

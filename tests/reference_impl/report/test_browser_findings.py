@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 from tests.reference_impl.report.browser import drawn, opened, violations, visits
 from tests.reference_impl.report.reading import Page, made
 from tests.reference_impl.report.samples import every, written
@@ -127,9 +128,24 @@ def test_a_speed_that_a_finding_doubts_stands_beside_that_of_the_positions(brows
         said = visit.page.locator("#chart-speed figcaption").text_content()
         assert "30.0 m/s, of the positions " in said
         assert "of the positions 30.0" not in said
-        gap, speed = visit.page.locator("#outcomes tr").first.locator("td").all_text_contents()[:2]
-        assert speed == "30.0in doubt"
-        assert "in doubt" not in gap
+
+
+def test_outcomes_of_every_candidate_that_findings_doubt_say_so(browser: Any, tmp_path: Path) -> None:
+    """Findings of thirteen candidates, of which no two say the same."""
+
+    def scaled(table: pa.Table) -> pa.Table:
+        names = table["rollout_id"].to_pylist()
+        share = {name: 0.5 + 0.02 * place for place, name in enumerate(dict.fromkeys(names))}
+        values = table["separation_m"].to_pylist()
+        found = [None if v is None else v * share[name] for name, v in zip(names, values, strict=True)]
+        return table.set_column(table.column_names.index("separation_m"), table.field("separation_m"), [found])
+
+    made(written(tmp_path / "d", {"evidence": scaled}), tmp_path / "report.html")
+    with visits(browser, tmp_path / "report.html", fragment="#play-0") as visit:
+        rows = [row.locator("td").all_text_contents() for row in visit.page.locator("#outcomes tr").all()]
+        assert len(rows) == 13
+        assert all(gap.endswith(" in doubt") for gap, *_ in rows)
+        assert not any("in doubt" in speed for _, speed, *_ in rows)
 
 
 def test_groups_with_findings_are_filtered(browser: Any, damaged_page: Page) -> None:

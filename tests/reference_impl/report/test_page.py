@@ -198,8 +198,8 @@ def test_a_place_names_candidate_tick_and_actor(damaged_page: Page) -> None:
     degrees, huge = faults["BD-VAL-002"]["spots"]
     assert [keys[degrees[0]], degrees[1], degrees[3:5]] == ["accelerate_0.50", 20, ["", 1]]
     assert degrees[2] in [actor[0] for actor in first["futures"][degrees[0]]["actors"]]
-    assert faults["BD-VAL-002"]["texts"][degrees[5]][0] == "yaw_rad of actors"
-    assert faults["BD-VAL-002"]["texts"][degrees[5]][1].startswith("expected -3.14159 .. 3.14159 rad")
+    assert faults["BD-VAL-002"]["texts"][degrees[5]].startswith("yaw_rad of actors: expected -3.14159 .. 3.14159 rad")
+    assert faults["BD-VAL-002"]["columns"][degrees[6]] == "yaw_rad of actors"
     assert [keys[huge[0]], huge[1], huge[4]] == ["brake_0.50", -BRANCH_TICK, 21]
     lacking = [spot[3] for spot in faults["BD-VAL-001"]["spots"] if spot[0] < 0]
     assert lacking[:3] == [
@@ -213,7 +213,7 @@ def test_a_place_is_told_where_the_validator_keeps_none_of_the_group(damaged_dat
     assert {finding.group_id for finding in kept} == {None}  # rows of the attempt that lacks come first
     for group in damaged_page.groups[:2]:
         (fault,) = (fault for fault in group["faults"] if fault["rule"] == "BD-BOX-001")
-        assert fault["texts"] == [["length_m of actors", "expected above 0 and at most 100 m, found -1.0"]]
+        assert fault["texts"] == ["length_m of actors: expected above 0 and at most 100 m, found -1.0"]
         assert len(fault["spots"]) == 1
 
 

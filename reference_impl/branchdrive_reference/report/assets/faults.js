@@ -4,11 +4,10 @@
 function decodedFaults(group) {
   return group.faults.map((fault) => {
     const [title, level] = shared.rules[fault.rule];
-    const texts = fault.texts.map((parts) => joined(parts, ": "));
-    const spots = fault.spots.map(([future, tick, actor, attempt, count, text], number) => ({
-      rule: fault.rule, number, future, tick, actor, attempt, count, text: texts[text] ?? "", column: fault.texts[text]?.[0],
+    const spots = fault.spots.map(([future, tick, actor, attempt, count, text, column], number) => ({
+      rule: fault.rule, number, future, tick, actor, attempt, count, text: fault.texts[text] ?? "", column: fault.columns[column],
     }));
-    return { ...fault, title, level, texts, spots };
+    return { ...fault, title, level, spots };
   });
 }
 

@@ -293,7 +293,7 @@ class MapView {
     for (const { spot, future, isChosen } of places.values()) {
       const pose = poseAt(future, spot.tick);
       if (pose === null) continue;
-      const size = isChosen ? (length + width) / 2 + 4 / scale : 5.5 / scale;  // around the ego, not over it
+      const size = isChosen ? Math.hypot(length, width) / Math.SQRT2 + 4 / scale : 5.5 / scale;  // around the ego, not over it
       twice(() => {
         pen.beginPath();
         for (const [x, y] of [[size, 0], [0, size], [-size, 0], [0, -size]]) pen.lineTo(pose[0] + x, pose[1] + y);
