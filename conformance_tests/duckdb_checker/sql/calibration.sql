@@ -70,7 +70,8 @@ select l.run, 'lead of ' || l."column", l."table", l."column",
 from lead l left join ratio on ratio.run = l.run and ratio.quantity = of_ratio
 left join ratio y on y.run = l.run and y.quantity = 'yaw rate'
 where (of_ratio is null or ratio.value <> 0)
-    and (l."column" not in ('yaw_rate_radps', 'accel_lateral_mps2') or y.value between 0.25 and 4)
+    and (l."column" <> 'yaw_rate_radps' or y.value between 0.25 and 4)
+    and (l."column" <> 'accel_lateral_mps2' or y.value is null or y.value between 0.25 and 4)
 union all
 select run, 'step', 'observations', 'x_m', sum(abs(r - s)) / sum(s), 0, 0.05
 from way where s >= 0.5 group by run having count(*) >= 4

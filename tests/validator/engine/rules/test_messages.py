@@ -37,7 +37,7 @@ BY_NAME = {(mutant.rule, mutant.name): mutant for mutant in MUTANTS}
         ("BD-NUL-002", "zero_stands_for_absence", "null (`nearest_pedestrian_available` is off)", "0.0"),
         (
             "BD-NUL-004", "reason_of_a_complete_attempt",
-            "null (condition `not_complete` is off, as `status` is 'complete')", "'went well'",
+            "null (`status` is 'complete')", "'went well'",
         ),
         ("BD-KEY-003", "group_repeated_in_another_shard", "one shard", "raw/shard-00000, raw/shard-00001"),
         ("BD-KEY-006", "evidence_twice", "one row per key and observation", "a second row"),

@@ -136,12 +136,15 @@ import sys
 import branchdrive.engine.reading
 print(*sorted(name.split(".")[1] for name in sys.modules if name.startswith("branchdrive.") and ".rules" in name))
 print(*{name.split(".")[1] for name in sys.modules if name.startswith("branchdrive.")})
+import branchdrive.cli.text
+print("rich.markdown" in sys.modules)
 """
 
 
-def test_who_reads_a_raw_layer_loads_no_rules_of_others_and_nothing_of_their_rooms() -> None:
+def test_who_reads_a_raw_layer_loads_no_rules_of_others_nothing_of_their_rooms_and_no_markdown() -> None:
     done = subprocess.run(python_command("-c", LOADED), capture_output=True, text=True, check=True)
-    rules, rooms = done.stdout.splitlines()
+    rules, rooms, has_markdown = done.stdout.splitlines()
+    assert has_markdown == "False"
     assert set(rules.split()) == {"engine", "files", "raw"}
     assert not {"canonical", "model", "leakage", "card"} & set(rooms.split())
 

@@ -83,12 +83,27 @@ def test_another_unit_or_sign_is_no_lead(column: str, unit: float, name: str, ex
     np.testing.assert_allclose(_leads(_serpentine(column, 0.0, unit), name), expected, atol=0.06)
 
 
-@pytest.mark.parametrize("unit", [180.0 / np.pi, -1.0, 0.2])
-def test_yaw_rates_of_another_unit_or_sign_have_no_lead_and_give_none(unit: float) -> None:
-    values = calibration(view_of(_serpentine("yaw_rate_radps", 0.0, unit)))
-    np.testing.assert_allclose(values["yaw_rate"][np.isfinite(values["yaw_rate"])], unit, rtol=0.1)
-    assert np.isnan(values["yaw_rate_lead"]).all()
-    assert np.isnan(values["lateral_lead"]).all()
+@pytest.mark.parametrize(("unit", "is_judged"), [(180.0 / np.pi, False), (-1.0, False), (0.2, False), (3.0, True)])
+def test_yaw_rates_whose_value_is_right_of_no_attempt_have_no_lead_and_give_none(unit: float, is_judged: bool) -> None:
+    tables = _serpentine("yaw_rate_radps", 0.0, unit)
+    np.testing.assert_allclose(_leads(tables, "yaw_rate"), unit, rtol=0.1)
+    for found in (calibration(view_of(tables)), calibration_between_contacts(view_of(tables))):
+        for name in ("yaw_rate_lead", "lateral_lead"):
+            assert np.isfinite(found[name]).any() == is_judged
+
+
+def test_gentle_turns_whose_yaw_rates_have_no_value_tell_the_time_of_accelerations() -> None:
+    number, speed = np.round(TIME_S / OBSERVATION_S).astype(int), np.full(len(TIME_S), 14.5)
+    of_step = 0.0495 * np.where(np.arange(number.max() + 1) // 3 % 2, 1.0, -1.0)
+    turned = np.append(0.0, np.cumsum(of_step * OBSERVATION_S))
+    aside = np.append(0.0, np.cumsum(14.5 * np.sin((turned[1:] + turned[:-1]) / 2) * OBSERVATION_S))
+    places = {"x_m": speed * TIME_S, "y_m": aside[number], "yaw_rad": turned[number], "speed_mps": speed}
+    rate = of_step[np.maximum(number - 1, 0)]
+    rates = {"yaw_rate_radps": rate, "accel_lateral_mps2": speed * rate}
+    found = calibration(view_of(changed("observations", **places, **rates)))
+    assert np.isnan(found["yaw_rate"]).all()
+    assert np.isnan(found["yaw_rate_lead"]).all()
+    assert np.isfinite(found["lateral_lead"]).any()
 
 
 @pytest.mark.parametrize(("late", "expected"), [(0.0, 1.0), (1.0, 0.0)])

@@ -37,7 +37,7 @@ from branchdrive.driving.angle import wrap_rad
 from branchdrive.raw.copies import Copies
 from branchdrive.raw.motion.clock import LEADS, OF_YAW_RATES, lead, leads_of_actors, leads_of_ego
 from branchdrive.raw.motion.contact import is_free
-from branchdrive.raw.motion.quantity import is_right_of_one, wrong_of_one
+from branchdrive.raw.motion.quantity import is_none_of_one, wrong_of_one
 from branchdrive.raw.motion.residual import OBSERVATION_S, follows
 from branchdrive.raw.motion.terms import Steps, Terms
 from branchdrive.raw.motion.tracks import actor_steps
@@ -156,12 +156,15 @@ def _steps_between(counts: Mask) -> Mask:
 def _ratio(name: str, values: dict[str, Array]) -> Array | float:
     """Ratio of recorded values to those of the positions that a lead is measured with, of values that are known.
 
-    NaN where yaw rates that a lead is about have another unit or sign.
+    NaN where yaw rates have a value that is right of no attempt: it is that which is judged of them, and not their time
+    or that of what is held against them. As that of others, the lead of yaw rates needs a value.
     """
     ratio = values.get(LEADS.get(name, ""), 1.0)
     if name not in OF_YAW_RATES:
         return ratio
-    return np.where(is_right_of_one("yaw_rate", values["yaw_rate"]), ratio, np.nan)
+    value = values["yaw_rate"]
+    is_judged = ~is_none_of_one("yaw_rate", value) & (np.isfinite(value) | (name != "yaw_rate_lead"))
+    return np.where(is_judged, ratio, np.nan)
 
 
 def _values_of(view: ShardView, terms: dict[str, Terms], counts: Mask | None = None) -> dict[str, Array]:

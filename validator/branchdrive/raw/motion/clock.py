@@ -3,8 +3,8 @@
 A recorded rate ``r`` is held against two values ``c_0`` and ``c_1`` that its neighbours make of it, with their mean
 ``m`` and the change ``d = c_1 - c_0``. The lead of an attempt is ``sum((r / k - m) d) / sum(d d)``, where ``k`` is the
 value of the rate in `branchdrive.raw.motion.calibration`, so that a wrong unit or sign is no lead, and 1 of the yaw
-rate, which says less of sharp turns: it has no lead, nor has what is held against it, where its value is right of no
-attempt. With the steps 1 and 2 from observation 0 to 1 and from 1 to 2::
+rate, which says less of sharp turns: where its value is right of no attempt, neither it nor what is held against it has
+a lead, and without a value it has none. With the steps 1 and 2 from observation 0 to 1 and from 1 to 2::
 
     quantity                         r           c of a step, or at its end
     speed, velocities of vehicles    v at 1      displacement / dt

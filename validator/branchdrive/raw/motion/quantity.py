@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from branchdrive.contract.mismatch import Mask
 
-__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "is_right_of_one", "share_text", "wrong_of_one"]
+__all__ = ["OF_VEHICLE", "QUANTITIES", "Quantity", "is_none_of_one", "share_text", "wrong_of_one"]
 
 
 class Quantity(NamedTuple):
@@ -154,10 +154,10 @@ def share_text(name: str, value: float) -> str:
     return f"{_SHARES[name]} are {abs(value - 1):.0%} {than} than the positions say".replace("%", " %")
 
 
-def is_right_of_one(name: str, values: NDArray[np.float64]) -> Mask:
-    """Where values of a quantity are known, and right of a single attempt."""
+def is_none_of_one(name: str, values: NDArray[np.float64]) -> Mask:
+    """Where values of a quantity are known, and none that is right of a single attempt."""
     least, most = QUANTITIES[name].of_one or (-np.inf, np.inf)
-    return np.asarray((values >= least) & (values <= most))
+    return np.asarray((values < least) | (values > most))
 
 
 def wrong_of_one(name: str, values: NDArray[np.float64]) -> Mask:

@@ -157,7 +157,7 @@ def evidence_belongs_to_observations(view: ShardView) -> Iterator[Check]:
 
 def _miscounted(stream: StreamView, recorded: NDArray[np.int64], row: int) -> tuple[str, str]:
     num_rows, stop = int(stream.stop[row] - stream.start[row]), int(stream.stop[row])
-    last = f", the last at tick {stream.tick[stop - 1]}" if num_rows else ""
+    last = f", the last at tick {stream['tick'][stop - 1]}" if num_rows and stream.valid("tick")[stop - 1] else ""
     return f"{num_rows}, the number of rows{last}", quote(recorded[row])
 
 

@@ -56,6 +56,11 @@ def _switch(name: str, is_on: Mask) -> Callable[[int], str]:
     return lambda row: f"{name} is {'on' if is_on[row] else 'off'}"
 
 
+def _stated(table: TableView, name: str) -> Callable[[int], str]:
+    """What a column holds."""
+    return lambda row: f"`{name}` is {quote(table[name][row]) if table.valid(name)[row] else 'null'}"
+
+
 @rule("BD-NUL-001")
 def required_columns_hold_no_null(view: Tables) -> Iterator[Check]:
     """A column without availability has a value in every row."""
@@ -93,18 +98,12 @@ def rollout_columns_follow_conditions(view: ShardView) -> Iterator[Check]:
         "not_nominal": (~view.role("nominal"), "role"),
     }
     for _, column, available in _nullable(view, lambda a: a.when in conditions):
-        is_on, decisive = conditions[str(available.when)]
-        switch = _switch(f"condition `{available.when}`", is_on)
-
-        def because(row: int, switch: Callable[[int], str] = switch, name: str = decisive) -> str:
-            found = quote(table[name][row]) if table.valid(name)[row] else "null"
-            return f"{switch(row)}, as `{name}` is {found}"
-
-        yield _presence(table, column, is_on, because)
+        is_on, name = conditions[str(available.when)]
+        yield _presence(table, column, is_on, _stated(table, name))
     for _, column, available in _nullable(view, lambda a: a.when == "valued"):
         name = str(available.rule)
         carries = table.equals(name, "absolute") | table.equals(name, "floor")
-        yield _presence(table, column, carries, lambda row, name=name: f"`{name}` is {quote(table[name][row])}")  # type: ignore[misc]
+        yield _presence(table, column, carries, _stated(table, name))
 
 
 @rule("BD-NUL-006")

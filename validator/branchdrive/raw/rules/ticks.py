@@ -95,9 +95,9 @@ def branch_is_an_observation_tick(view: ShardView, subjects: Mask) -> Iterator[C
     """``t_b = 5 * branch_frame``; an attempt without a branch cannot qualify."""
     frame = view.rollouts["branch_frame"].astype(np.int64)
     bad = ~view.branched | (view.branch_tick != frame * OBSERVATION_STRIDE_TICKS)
-    place: Location = {"table": "rollouts", "column": "branch_tick"}
 
     def describe(i: int) -> Mismatch:
+        place: Location = {"table": "rollouts", "column": "branch_tick"}
         if not view.branched[i]:
             return Mismatch(place, "a branch tick", "no branch: the trigger found nothing")
         found = f"branch_tick {view.branch_tick[i]} and branch_frame {frame[i]}"
