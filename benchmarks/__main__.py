@@ -113,7 +113,7 @@ def main() -> None:
 
 
 def _run(args: argparse.Namespace) -> None:
-    console = Console(markup=False)
+    console = Console(markup=False, emoji=False)
     table = Table("what", "measured", "bar", title="BranchDrive benchmarks", title_justify="left", show_lines=True)
     with tempfile.TemporaryDirectory() as folder:
         for name, rows in _measurements(args, Path(folder)).items():
