@@ -1,6 +1,6 @@
 -- subjects: attempt where role = 'drive' and run in (select run from control)
 with latest as (
-    select c.*, d.tick as t_d, p.duration_ticks, d.tick = min(d.tick) over (partition by c.run) as is_first,
+    select c.*, p.duration_ticks, d.tick = min(d.tick) over (partition by c.run) as is_first,
         c.tick < d.tick + p.duration_ticks as is_active, p.* exclude (key, duration_ticks, recovery)
     from control c
     asof left join decisions d on d.run = c.run and c.tick >= d.tick

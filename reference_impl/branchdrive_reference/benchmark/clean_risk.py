@@ -44,7 +44,6 @@ __all__ = [
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CLEAN_FROM = 0.9
 """Probability from which a drive is judged clean."""

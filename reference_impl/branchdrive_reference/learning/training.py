@@ -69,7 +69,6 @@ class EpochReport(NamedTuple):
         max_epochs: Epochs at most.
         train_loss: Mean over the batches of the epoch.
         val_loss: After the epoch.
-        best_epoch: Epoch of the least validation loss so far.
         is_last: Whether training ends here.
         fold: Number of the fold that is held out; ``None`` where none is.
     """
@@ -80,7 +79,6 @@ class EpochReport(NamedTuple):
     max_epochs: int
     train_loss: float
     val_loss: float
-    best_epoch: int
     is_last: bool = False
     fold: int | None = None
 
@@ -191,7 +189,6 @@ class _Job(NamedTuple):
             self.configuration.training.max_epochs,
             curve.train[-1],
             curve.val[-1],
-            curve.best_epoch,
             _is_over(curve, self.configuration.training),
         )
 

@@ -75,7 +75,7 @@ def render_pages(report: DatasetReport, *, name: str, folder: str | None) -> Pag
         "contents": [],
         "families": {} if bank is None else families(bank),
         "cards": cards,
-        "cards_more": _more(len(report.groups) - len(cards), "group"),
+        "cards_more": _more(len(report.groups) - len(cards)),
         "filters": _filters(cards),
         "played": gallery.played,
         "played_text": gallery.text,
@@ -138,8 +138,8 @@ def _contents(context: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*found, *([("rules", "Rules")] if context["rule_pages"] else [])]
 
 
-def _more(count: int, noun: str) -> str:
-    return f"and {counted(count, f'more {noun}')}; `branchdrive report --format json` lists all" if count > 0 else ""
+def _more(count: int) -> str:
+    return f"and {counted(count, 'more group')}; `branchdrive report --format json` lists all" if count > 0 else ""
 
 
 def _validation_context(validation: Report, outcome: Outcome, gallery: Gallery) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def _validation_context(validation: Report, outcome: Outcome, gallery: Gallery) 
         "funnel_table": None if validation.funnel is None else funnel_table(validation.funnel),
         "lost": [_lost(same, gallery) for same in lost[:_MOST_LOST]],
         "most_groups": _MOST_NAMES,
-        "lost_more": _more(sum(len(same.names) for same in lost[_MOST_LOST:]), "group"),
+        "lost_more": _more(sum(len(same.names) for same in lost[_MOST_LOST:])),
         "lost_title": lost_title(validation),
         "causes_head": CAUSES_HEAD,
         "causes": [_cause(cause, gallery) for cause in outcome.causes],

@@ -126,11 +126,6 @@ class Future:
         )
 
     @property
-    def ends_early(self) -> bool:
-        """Whether the rollout ends before the horizon."""
-        return bool(self.tick[-1] < HORIZON_TICKS)
-
-    @property
     def contacts(self) -> Ticks:
         """Rows after the branch at which a touch begins."""
         begins = self.touched & ~np.concatenate([[False], self.touched[:-1]])

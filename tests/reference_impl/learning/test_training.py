@@ -105,7 +105,7 @@ def test_the_best_epoch_is_kept_and_patience_ends(release: Path, tmp_path: Path)
     assert (found.curve.val, found.curve.train) == (tuple(val), tuple(r.train_loss for r in watch.reports))
     assert val[best - 1] == min(val)
     assert len(val) == best + 4 < 60
-    assert watch.reports[-1] == ("M3", 11, len(val), 60, found.curve.train[-1], val[-1], best, True, None)
+    assert watch.reports[-1] == ("M3", 11, len(val), 60, found.curve.train[-1], val[-1], True, None)
     data = BranchGroupDataset(release, "val").tensors
     with deterministic(), torch.no_grad():
         outcome = found.network()(data, num_groups=1, num_candidates=13)

@@ -15,8 +15,6 @@ from tests.validator.driving import oracle_target
 from branchdrive.driving.risk import risk_evidence
 from branchdrive.driving.target import STEP_S, TARGETS, TRAJECTORY, Motion, Risk, Targets, scalar_targets, trajectory
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
-
 TIME_S = np.arange(11) * 0.25
 NAMES = [target.name for target in TARGETS]
 NO_RISK = Risk(np.full((1, 10), np.nan), np.zeros((1, 10), bool), np.full((1, 10), np.nan), np.zeros((1, 10), bool))

@@ -13,8 +13,6 @@ import signal
 import sys
 from pathlib import Path
 
-MISTAKES = ("none", "process", "seed", "order", "begun", "lock")
-
 
 def main(source: Path, out: Path, mistake: str, groups: str, dies: str) -> int:
     every = sorted(path.name for path in source.iterdir() if path.is_dir())

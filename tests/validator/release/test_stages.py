@@ -25,8 +25,6 @@ from branchdrive.release.builder import STAGES
 
 pytestmark = pytest.mark.usefixtures("audit_in_this_process")
 
-CANONICAL = {"canonical/attempts-00000.parquet", "canonical/records-00000.parquet", "canonical/source.json"}
-
 
 @pytest.fixture(scope="module")
 def rebuilt(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:

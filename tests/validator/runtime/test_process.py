@@ -101,11 +101,6 @@ def test_workers_of_the_validator_keep_the_memory_of_arrays(is_forked: bool) -> 
         assert pool.submit(faults_of_a_second_array, 2_000_000).result() < 50
 
 
-def _parent_of_a_worker(*modules: str) -> int:
-    with array_context(*modules) as context, ProcessPoolExecutor(1, context) as pool:
-        return pool.submit(who_i_am, 0).result()[1]
-
-
 def test_a_server_forks_workers_with_its_modules_and_without_threads(is_forked: bool) -> None:
     with array_context("branchdrive.engine.reading", "pyarrow.parquet") as context:
         with ProcessPoolExecutor(2, context) as pool:

@@ -37,7 +37,6 @@ from branchdrive.writer.staging import snapshot
 from branchdrive.writer.writer import DatasetWriter
 
 DESCRIPTOR = make_descriptor(has_evidence=False, has_media=True)
-PLAIN = make_descriptor(has_evidence=False)
 TICKS = (0, 5, 10)
 OPTIONS: dict[str, Any] = {"has_evidence": False, "frame_ticks": TICKS}
 TOP_DOWN, BEV = CAMERAS

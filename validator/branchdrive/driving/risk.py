@@ -155,15 +155,14 @@ def risk_candidates(pairs: PairRisk, slack: float = 0.0) -> dict[str, tuple[Arra
     }
 
 
-def frame_risk(pairs: PairRisk, num_frames: int, slack: float = 0.0) -> dict[str, FrameRisk]:
+def frame_risk(pairs: PairRisk, num_frames: int) -> dict[str, FrameRisk]:
     """Minimum over the candidates of each frame, for each kind of evidence; see `risk_candidates`.
 
     Args:
         pairs: All pairs.
         num_frames: Frames that `pairs.frame` indexes.
-        slack: As in `risk_candidates`.
     """
-    candidates = risk_candidates(pairs, slack)
+    candidates = risk_candidates(pairs)
     return {name: _minimum(value, rows, pairs, num_frames) for name, (value, rows) in candidates.items()}
 
 

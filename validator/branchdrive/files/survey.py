@@ -213,18 +213,17 @@ def _read_patterns(folder: Store, limits: Limits) -> tuple[tuple[str, ...], str 
         return (), str(error)
 
 
-def take_survey(folder: Store, *, hash_files: bool = True, limits: Limits | None = None) -> Survey:
+def take_survey(folder: Store, *, hash_files: bool = True) -> Survey:
     """Survey of the dataset in a folder, without its shards.
 
     Args:
         folder: The dataset.
         hash_files: Whether to compute digests.
-        limits: Bounds; those of the specification by default.
 
     Raises:
         UsageError: There is no dataset in it.
     """
-    limits = limits or spec_limits()
+    limits = spec_limits()
     if not folder.is_there:
         raise UsageError(f"{str(folder)!r} is not a folder; give the folder that holds {DESCRIPTOR_FILE}")
     if not any(folder.status(name) for name in (DESCRIPTOR_FILE, MANIFEST_FILE, RAW_DIR)):

@@ -70,19 +70,17 @@ def decode_table(content: bytes | memoryview, name: str | None = None, limits: L
         raise DecodeError(f"{label} does not decode: {_reason(error)}") from error
 
 
-def promised_rows(stream: BinaryIO, limits: Limits | None = None) -> int:
+def promised_rows(stream: BinaryIO) -> int:
     """Rows that the footer of a Parquet file promises: quick to read, and not counted.
 
     Args:
         stream: The file, of which the footer alone is read.
-        limits: Limits on the footer; those of the spec by default.
 
     Raises:
         DecodeError: The bytes have no footer that can be read.
     """
     import pyarrow as pa
 
-    limits = limits or spec_limits()
     size = stream.seek(0, os.SEEK_END)
     stream.seek(max(size - _FOOTER_END_BYTES, 0))
     end = stream.read(_FOOTER_END_BYTES)
@@ -91,7 +89,7 @@ def promised_rows(stream: BinaryIO, limits: Limits | None = None) -> int:
         raise DecodeError("has no footer of a Parquet file")
     stream.seek(size - length)
     try:
-        return int(_open(_footer(stream.read(length)), limits).metadata.num_rows)
+        return int(_open(_footer(stream.read(length)), spec_limits()).metadata.num_rows)
     except (pa.ArrowException, OSError, UnicodeError, RuntimeError, MemoryError) as error:
         raise DecodeError(f"its footer does not decode: {_reason(error)}") from error
 

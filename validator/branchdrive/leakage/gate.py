@@ -102,8 +102,6 @@ class Gate:
         bit_identical: Whether all rows of every group agree; the effect size is then not applicable.
         shape: Groups, actions and features examined.
         num_columns: Columns of streams examined beside them.
-        seed: Of permutations, frequencies and replicates.
-        protocol: Numbers of the gate.
         bandwidth: Of the kernel, as used; None where nothing was computed.
         tests: In the order of `STATISTICS`; empty where nothing was computed.
         places: Largest first; empty where nothing was computed.
@@ -116,8 +114,6 @@ class Gate:
     bit_identical: bool
     shape: tuple[int, int, int]
     num_columns: int
-    seed: int
-    protocol: GateProtocol
     bandwidth: float | None
     tests: tuple[Outcome, ...]
     places: tuple[Place, ...]
@@ -244,8 +240,7 @@ def gate_of(subject: Kept[GateSubject], *, seed: int, protocol: GateProtocol, dr
         effect: Sensitivity | None = None,
     ) -> Gate:
         return Gate(
-            verdict, reason, bit_identical, shape, num_columns, seed, protocol, bandwidth, tests, places,
-            codes, effect,
+            verdict, reason, bit_identical, shape, num_columns, bandwidth, tests, places, codes, effect,
         )  # fmt: skip
 
     if not np.prod(shape):

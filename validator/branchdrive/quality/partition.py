@@ -84,7 +84,7 @@ def draw_assignment(
     """
     complete = np.asarray(groups["integrity_complete"], np.bool_)
     group_ids = groups["group_id"][complete].tolist()
-    _check_same("integrity-complete groups", group_ids, "a route cluster", clusters)
+    _check_same(group_ids, "a route cluster", clusters)
     labels = [clusters[group_id] for group_id in group_ids]
     assignment = assign_split(
         group_ids,
@@ -120,8 +120,8 @@ def with_assignment(groups: Frame, clusters: Mapping[str, int], assignment: Mapp
     complete = np.asarray(groups["integrity_complete"], np.bool_)
     group_ids = groups["group_id"].tolist()
     wanted = groups["group_id"][complete].tolist()
-    _check_same("integrity-complete groups", wanted, "a route cluster", clusters)
-    _check_same("integrity-complete groups", wanted, "a partition", assignment)
+    _check_same(wanted, "a route cluster", clusters)
+    _check_same(wanted, "a partition", assignment)
     labels = np.array([clusters.get(group_id, 0) for group_id in group_ids], np.int32)
     names = np.array([assignment.get(group_id, "") for group_id in group_ids], object)
     return {
@@ -132,11 +132,11 @@ def with_assignment(groups: Frame, clusters: Mapping[str, int], assignment: Mapp
     }
 
 
-def _check_same(subject: str, wanted: Sequence[str], noun: str, given: Mapping[str, Any]) -> None:
+def _check_same(wanted: Sequence[str], noun: str, given: Mapping[str, Any]) -> None:
     unmatched = sorted(set(wanted) ^ set(given))
     if unmatched:
         side = "has none" if unmatched[0] in set(wanted) else "is none of them"
-        raise ValueError(f"{subject} and groups with {noun} are not the same: {unmatched[0]!r} {side}")
+        raise ValueError(f"integrity-complete groups and groups with {noun} are not the same: {unmatched[0]!r} {side}")
 
 
 def split_document(

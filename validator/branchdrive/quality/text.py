@@ -97,13 +97,13 @@ def threshold_text(variable: Mapping[str, Any], thresholds: Mapping[str, Any]) -
     return f"{variable['value']:.4g} {variable['unit'] or ''}".rstrip()
 
 
-def target_sentences(retention: Mapping[str, Any], partition: str = "test") -> list[str]:
-    """Whether the core criteria reach the predeclared targets in a partition, pairs and banks."""
+def target_sentences(retention: Mapping[str, Any]) -> list[str]:
+    """Whether the core criteria reach the predeclared targets in the test partition, pairs and banks."""
     return [
         f"{row['num_passed']:,} of {row['num_units']:,} {UNITS[row['unit']]} passed, {percent(row['share'])}: "
         f"the predeclared target of {percent(row['target'], 0)} was {'met' if row['met'] else 'not met'}."
         for row in retention["rows"]
-        if row["criterion"] == "core" and row["partition"] == partition and row["share"] is not None
+        if row["criterion"] == "core" and row["partition"] == "test" and row["share"] is not None
     ]
 
 

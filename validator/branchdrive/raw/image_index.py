@@ -29,7 +29,7 @@ class ImageIndex:
     """
 
     def __init__(self, view: ShardView) -> None:
-        frames = self._frames = view.stream("frames")
+        frames = view.stream("frames")
         codes, self.cameras = frames.categories("camera")
         self.camera = codes.astype(np.int64)
         self._content = frames.categories("checksum")[0]

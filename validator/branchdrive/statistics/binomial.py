@@ -52,20 +52,21 @@ def exact_fraction(number: float) -> Fraction:
     return Fraction(repr(float(number)))
 
 
-def binomial_interval(successes: int, trials: int, level: float = 0.95) -> tuple[float, float]:
-    """Interval of Clopper and Pearson for the probability of success.
+def binomial_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % interval of Clopper and Pearson for the probability of success.
 
     Raises:
-        ValueError: There is no trial, `successes` is not in ``0 .. trials``, or `level` not in ``(0, 1)``.
+        ValueError: There is no trial, or `successes` is not in ``0 .. trials``.
     """
     if not 0 <= successes <= trials or not trials:
         raise ValueError(f"no interval of {successes} successes in {trials} trials")
-    tail, missed = (1 - level) / 2, trials - successes
+    tail, missed = (1 - _LEVEL) / 2, trials - successes
     low = beta_quantile(tail, successes, missed + 1) if successes else 0.0
     high = beta_quantile(1 - tail, successes + 1, missed) if missed else 1.0
     return low, high
 
 
+_LEVEL = 0.95
 _TINY = 1e-300
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from branchdrive.contract.bank import ActionBank, load_action_bank
 from branchdrive.contract.columns import DECISIONS, PATTERNS, RECORDABLE, STREAMS, TABLES, Column
-from branchdrive.contract.descriptor import DeclaredEncoding, Descriptor
+from branchdrive.contract.descriptor import Descriptor
 from branchdrive.contract.encoding import ENCODING_NAME, ENCODING_WIDTH
 from branchdrive.contract.policy import ACTUATORS, ActuatorRule, Command, Policy
 from branchdrive.contract.resources import load_resource
@@ -270,12 +270,6 @@ def bd29_banks() -> SearchStrategy[ActionBank]:
     """Action banks inside the domain of `bd29`."""
     documents = bank_documents(bd29_policy_documents(), nominal_family="nominal")
     return documents.map(ActionBank.model_validate)
-
-
-@cache
-def encodings() -> SearchStrategy[DeclaredEncoding]:
-    """Declared action encodings."""
-    return encoding_documents().map(DeclaredEncoding.model_validate)
 
 
 @cache

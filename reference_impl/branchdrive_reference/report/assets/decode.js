@@ -80,7 +80,7 @@ function decodedFuture(packed, series, steps, places, nominal) {
     const began = packed.shares && before ? cutTrack(before, -Infinity, 0) : null;
     let track;
     if (count < 0) {
-      track = { ...cutTrack(before, about[0], about[1]), likeNominal: true };
+      track = cutTrack(before, about[0], about[1]);
     } else {
       const [kind, length, width] = about;
       track = { kind, length: length / 100, width: width / 100, tick: series.whole(count, 2) };

@@ -100,7 +100,7 @@ class MapView {
       this.contacts(future, look, isMain);
     }
     this.faults(group, look);
-    this.scaleBar(ratio, width, height, scale);
+    this.scaleBar(ratio, height, scale);
   }
 
   roads({ layers, posts }, [x, y]) {
@@ -331,7 +331,7 @@ class MapView {
     pen.restore();
   }
 
-  scaleBar(ratio, width, height, scale) {
+  scaleBar(ratio, height, scale) {
     const { pen } = this;
     const length = [1, 2, 5, 10, 20, 50, 100, 200, 500].find((metres) => metres * scale >= 50) ?? 1000;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from branchdrive_reference.benchmark.guard.regression import HUBER, LOGISTIC, Loss, Regression, polished
 
-Array = NDArray[np.float64]
 LOSSES = {"logistic": LOGISTIC, "huber": HUBER}
 
 

@@ -20,7 +20,7 @@ def frame(px_per_m: float) -> SemanticFrame:
         name="bev", stream="semantic_bev", width_px=WIDTH, height_px=HEIGHT, px_per_m=px_per_m, origin_row_px=40.0,
         origin_column_px=45.5,
     )  # fmt: skip
-    return SemanticFrame(camera, 0, 0, 0.0, 0.0, 0.0)
+    return SemanticFrame(camera, 0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("px_per_m", [0.3, 0.7, 1.0, 2.0, 3.3, 10.0])

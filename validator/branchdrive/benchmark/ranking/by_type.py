@@ -35,7 +35,6 @@ from branchdrive.text.table import Column, Passage, Table
 
 __all__ = ["ACCELERATE", "CONSEQUENTIAL_SHARE", "TypeRegret", "consequential_types", "regret_by_type", "type_sections"]
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ACCELERATE = "accelerate"

@@ -31,8 +31,6 @@ from branchdrive.model.features import HISTORIES
 from branchdrive.model.rules.inputs import FEATURES, model_arrays, packed
 from branchdrive.tables.frame import take
 
-Array = NDArray[np.float64]
-
 _SAFEST = "min_separation_m"
 """Target whose largest value is asked for too."""
 

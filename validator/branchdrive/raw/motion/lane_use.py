@@ -20,7 +20,6 @@ from branchdrive.raw.town_map import lanes_along
 __all__ = ["lane_use"]
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 MIN_COSINE = 0.7
 """Of the angle between a vehicle and its lane: at more than 45 degrees it crosses the lane."""

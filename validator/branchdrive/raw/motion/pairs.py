@@ -30,7 +30,6 @@ __all__ = ["deciding_pairs", "pairs_of_frame", "pairs_of_rows"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 V = TypeVar("V", bound=np.generic)
 

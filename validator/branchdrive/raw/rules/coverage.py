@@ -24,9 +24,9 @@ def _ends(survey: Survey) -> TrackEnds:
     return TrackEnds.of_all(shard.track_ends for shard in survey.shards)
 
 
-def _of_enough_groups(ends: TrackEnds, chosen: Mask, least: int = MIN_INTERVENTIONS) -> bool:
-    """Whether there are at least `least` of these ends, in three groups or more: attempts of a group are alike."""
-    return int(chosen.sum()) >= least and len(np.unique(ends.group[chosen])) >= MIN_EQUAL
+def _of_enough_groups(ends: TrackEnds, chosen: Mask) -> bool:
+    """Whether there are enough of these ends, in three groups or more: attempts of a group are alike."""
+    return int(chosen.sum()) >= MIN_INTERVENTIONS and len(np.unique(ends.group[chosen])) >= MIN_EQUAL
 
 
 @rule("BD-ACT-006")

@@ -24,7 +24,6 @@ from branchdrive.raw.window import EVIDENCE_OFFSETS
 __all__ = ["SemanticActors", "SemanticPeople", "SemanticVehicles"]
 
 Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
 Text = tuple[str, str]
 

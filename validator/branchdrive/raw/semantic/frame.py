@@ -36,7 +36,6 @@ class SemanticFrame(NamedTuple):
     Attributes:
         camera: Its camera.
         row: Its row of the index, as the view has it.
-        observation: Row of its observation.
         x_m: Centre of the ego's box, world frame.
         y_m: The same, y.
         yaw_rad: Heading of the ego.
@@ -44,7 +43,6 @@ class SemanticFrame(NamedTuple):
 
     camera: TopDownCamera
     row: int
-    observation: int
     x_m: float
     y_m: float
     yaw_rad: float
@@ -120,7 +118,7 @@ class SemanticFrames:
         camera = self._cameras[self._codes[row]]
         if camera is None:
             raise KeyError(stored_row)
-        return SemanticFrame(camera, row, at, *(float(values[at]) for values in self._pose))
+        return SemanticFrame(camera, row, *(float(values[at]) for values in self._pose))
 
 
 def near_pixels(rows: Index, columns: Index, shape: tuple[int, ...], reach: int) -> Mask:

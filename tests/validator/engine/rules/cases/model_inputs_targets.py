@@ -10,8 +10,8 @@ from tests.validator.engine.rules.release import ReleaseDraft
 from branchdrive.contract.descriptor import Descriptor
 from branchdrive.model.features import features_document
 
-TRAIN, VAL, TEST = "g0", "g18", "g12"
-"""A context of each partition; no scaling depends on the last two."""
+TEST = "g12"
+"""A context of the test partition, on which no scaling depends."""
 
 
 # BD-MOD-009 .. BD-MOD-011: candidates

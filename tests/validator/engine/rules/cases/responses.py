@@ -17,9 +17,6 @@ from branchdrive.testing.drive import angle_on_grid, on_grid, route_columns
 COUNTS = tuple(f"result_num_{kind}_collisions" for kind in ("vehicle", "pedestrian", "static"))
 
 
-Row = dict[str, object]
-
-
 # BD-RSP-001
 
 
