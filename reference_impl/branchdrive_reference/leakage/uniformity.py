@@ -36,10 +36,6 @@ class GateSize(NamedTuple):
     p_values: dict[str, NDArray[np.float64]]
     failed: NDArray[np.bool_]
 
-    def rejected(self, level: float) -> dict[str, float]:
-        """Share of seeds at which a statistic's p is at most `level`, by name."""
-        return {name: float((p <= level).mean()) for name, p in self.p_values.items()}
-
 
 def gate_size(features: ArrayLike, *, seeds: Iterable[int], protocol: GateProtocol) -> GateSize:
     """Gate on features whose rows are permuted within groups, once for every seed.

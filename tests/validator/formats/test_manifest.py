@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.each import each
 
-from branchdrive.contract.layout import MANIFEST_FILE, is_safe_path
+from branchdrive.contract.layout import MANIFEST_FILE, unsafe_reason
 from branchdrive.contract.limits import spec_limits
 from branchdrive.errors import DatasetError
 from branchdrive.formats.folder import Folder
@@ -33,7 +33,7 @@ PARTS = st.sampled_from(
     ["raw", "shard-00000", "shard-00001", "canonical", "media", "a", "b.parquet", "rollouts.parquet", "ä"]
 )
 FILES = st.dictionaries(
-    st.lists(PARTS, min_size=1, max_size=4).map("/".join).filter(is_safe_path),
+    st.lists(PARTS, min_size=1, max_size=4).map("/".join).filter(lambda path: unsafe_reason(path) is None),
     st.text("0123456789abcdef", min_size=64, max_size=64),
     max_size=12,
 )

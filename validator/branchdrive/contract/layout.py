@@ -37,7 +37,6 @@ __all__ = [
     "TABLES_FILE",
     "WRITER_LOCK",
     "folded",
-    "is_safe_path",
     "layer_of",
     "shard_index",
     "shard_name",
@@ -152,6 +151,9 @@ def unsafe_reason(path: str, limits: Limits | None = None) -> str | None:
     """Why a dataset may not name the file `path`; ``None`` if it may.
 
     A path must be relative, normalised POSIX and mean the same file on every system.
+
+    >>> unsafe_reason("raw/shard-00000/controls.parquet"), unsafe_reason("raw/../../secret")
+    (None, 'is not normalised or leaves its folder')
     """
     limits = limits or spec_limits()
     if not path:
@@ -184,12 +186,3 @@ def folded(path: str) -> str:
     True
     """
     return unicodedata.normalize("NFC", unicodedata.normalize("NFD", path).casefold())
-
-
-def is_safe_path(path: str, limits: Limits | None = None) -> bool:
-    """Whether a dataset may name the file `path`.
-
-    >>> is_safe_path("raw/shard-00000/controls.parquet"), is_safe_path("raw/../../secret")
-    (True, False)
-    """
-    return unsafe_reason(path, limits) is None
