@@ -76,7 +76,7 @@ def time_validation(root: Path, *, jobs: int, repeats: int = 3) -> ValidationTim
 
 
 def time_warm(root: Path, *, repeats: int = 3) -> ValidationTiming:
-    """Time both in one worker that ran both before.
+    """Time both in one worker that ran both before, and has what they keep of constants, such as quantiles.
 
     Raises:
         BranchDriveError: The dataset is not valid, so its timing would mean nothing.

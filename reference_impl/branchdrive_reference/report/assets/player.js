@@ -247,8 +247,8 @@ function fillOutcomes() {
     name.append(swatch(candidate(future)), ` ${nameOf(future)}`);
     const ahead = future.tick.map((tick, i) => i).filter((i) => future.tick[i] > 0 && future.tick[i] <= 50);
     const gaps = ahead.map((i) => future.gap[i]).filter(Number.isFinite);
-    const touches = ahead.some((i) => future.touched[i]);
-    const least = touches ? 0 : gaps.length ? Math.min(...gaps) : NaN;
+    const isTouched = ahead.some((i) => future.touched[i]);
+    const least = isTouched ? 0 : gaps.length ? Math.min(...gaps) : NaN;
     const [touch] = contactRows(future);
     const end = future.tick.at(-1);
     const at = touch !== undefined ? future.tick[touch] : end < HORIZON_TICK ? end : null;
@@ -262,7 +262,7 @@ function fillOutcomes() {
       return cell;
     };
     row.append(
-      name, value(Number.isFinite(least) ? least.toFixed(1) : "–", touches ? null : GAP),
+      name, value(Number.isFinite(least) ? least.toFixed(1) : "–", isTouched ? null : GAP),
       value(ahead.length ? numberText(future.speed[ahead.at(-1)], 1, "") : "–", SPEED),
       touched,
     );
